@@ -50,7 +50,7 @@ Arrays arrays_at(std::uint8_t* memory, std::size_t n) {
   return out;
 }
 
-constexpr std::size_t kRun = 64;  // primitives that are packed at a time, in the cache
+constexpr std::size_t kRun = 64;  // primitives packed at a time; their data fit the cache
 using Run = float[kRun];
 
 // Copies component `at` of `count` rows of kWidth floats.
@@ -75,7 +75,7 @@ void covariances(const Gaussians4D& set, std::size_t first, std::size_t count, R
   }
 }
 
-// Opacities, and supports as of math::candidate_support().
+// Opacities, and supports as returned by math::candidate_support().
 struct Times {
   Run opacity, begin, end;
 };

@@ -28,9 +28,9 @@ std::uint64_t packed_bytes_each(int sh_degree);
 // Returns the bytes of a segment.
 std::uint64_t packed_bytes(std::uint32_t primitives, int sh_degree);
 
-// Fills entries [entry, entry + count) of the arrays at `to`, which are those of `total`
-// primitives, from primitives [first, first + count); after the last one, also the padding.
-// Spherical harmonics that the set lacks are 0; values beyond the range of half floats are clamped.
+// Packs primitives [first, first + count) to entries [entry, entry + count) of the arrays at `to`,
+// which have `total` primitives; with the last primitive, also writes the padding. Spherical
+// harmonics missing from the set are 0; values beyond the range of half floats are clamped.
 void pack_primitives(const Gaussians4D& set, std::size_t first, std::uint32_t count, int sh_degree,
                      std::uint8_t* to, std::uint32_t total, std::uint32_t entry);
 // As above, for all entries of a segment of `count` primitives.

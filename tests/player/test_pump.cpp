@@ -78,7 +78,7 @@ class ArrivingSource final : public ByteSource {
     STGS_TRY(wait_for({offset, out.size()}));
     return under_.read(offset, out);
   }
-  // Lets the bytes arrive that the last read lacked.
+  // Provides the bytes that the last read needed.
   void arrive() { pending_ = false; }
 
  private:

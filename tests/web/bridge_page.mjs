@@ -21,7 +21,7 @@ async function open(src, options) {
   Object.assign(window, { remote, names });
 }
 
-/** What a promise of a remote player is rejected with. */
+/** Resolves to the text of the error with which a promise rejects. */
 const failure = (promise) => promise.then(() => "none", ({ name, message }) => `${name}: ${message}`);
 
 /** Connects as connect() does; resolves to the port once its first event has come. */

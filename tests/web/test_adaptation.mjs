@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is fetched and drawn depends on the device and on the times of frames, and is reported.
+// The amount fetched and drawn depends on the device and on frame times, and is reported.
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { importSource } from "./import_source.mjs";
@@ -27,7 +27,7 @@ function drive(governor, clock, framesPerSecond, seconds) {
 const isInTime = (verdicts) => verdicts.every(([verdict]) => verdict === "raise");
 const clockAt = (now) => ({ begin: now, now, frames: 0 });
 
-test("devices are found by what the browser states", () => {
+test("devices are recognised by the signals of the browser", () => {
   const kind = (signals) => deviceOf({ ...DESKTOP, ...signals }).kind;
   assert.equal(kind({}), "desktop");
   assert.equal(kind({ mobile: true }), "phone");
@@ -126,7 +126,7 @@ test("frames in time raise the load again", async () => {
   assert.equal(parts.player.qualityReport.resolutionScale, 0.75);
   await play(parts, 500, 20);
   assert.equal(parts.player.qualityReport.resolutionScale, 1);
-  assert.match(parts.player.qualityReport.reason, /^in time \(50 fps\): raised the resolution$/);
+  assert.match(parts.player.qualityReport.reason, /^on time \(50 fps\): raised the resolution$/);
 });
 
 test("a chosen quality is fixed", async () => {
@@ -141,7 +141,7 @@ test("a chosen quality is fixed", async () => {
   assert.equal(worker.last("maxPrimitives").primitives, Infinity);
   await play(parts, 75, 100);
   assert.equal(renderer.frames[renderer.frames.length - 1].camera.width, 640);
-  assert.throws(() => (player.quality = "best"), /no quality "best"/);
+  assert.throws(() => (player.quality = "best"), /invalid quality "best"/);
 });
 
 test("the limit of a GPU applies once the renderer is known", async () => {
@@ -152,7 +152,7 @@ test("the limit of a GPU applies once the renderer is known", async () => {
   worker.opened(TIERS);
   await settle();
   assert.equal(worker.last("maxPrimitives").primitives, 2e6);
-  assert.equal(player.qualityReport.reason, "the GPU takes 2000000 primitives");
+  assert.equal(player.qualityReport.reason, "the GPU can hold 2000000 primitives");
 });
 
 test("a choice between load and loadedmetadata reaches the core", async () => {
@@ -166,7 +166,7 @@ test("a choice between load and loadedmetadata reaches the core", async () => {
   assert.equal(player.qualityReport.tierCount, 0);
 });
 
-test("tiers follow what is known of the scene", async () => {
+test("tiers adjust to new numbers of the scene", async () => {
   const parts = setUp();
   const { player, worker, host } = parts;
   player.src = "scene.stgs";
@@ -178,7 +178,7 @@ test("tiers follow what is known of the scene", async () => {
   assert.deepEqual(tiers(), [2, 3]);
   const { length } = worker.posted;
   state("paused", [...TIERS.tierPrimitives]);
-  assert.equal(worker.posted.length, length); // nothing is new
+  assert.equal(worker.posted.length, length); // nothing has changed
   state("paused", [700000, 3100000, 5000000]);
   assert.deepEqual(tiers(), [1, 3]);
   state("paused", [700000, 1600000, 2500000, 5000000]);
@@ -229,7 +229,7 @@ test("the limit of a renderer with which an application draws applies, too", asy
   player.destroy();
 });
 
-test("a canvas without a size of its own on the page is not scaled", async () => {
+test("a canvas without a size in CSS is not scaled", async () => {
   const parts = await openScene();
   const { canvas, player, worker, renderer } = parts;
   for (const side of ["Width", "Height"]) {

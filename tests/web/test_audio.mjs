@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sound follows the time of the scene, and only locations that a reader may follow are loaded.
+// Sound follows the time of the scene, and only permitted locations are loaded.
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { importSource } from "./import_source.mjs";
@@ -141,7 +141,7 @@ test("the beginning of the sound is a time of the scene", async () => {
   assert.ok(early.sound.paused); // its 8 s are over
 });
 
-test("rates apply to the sound, and it is silent at those that it has not", async () => {
+test("rates apply to the sound, and it is silent at rates that browsers do not play", async () => {
   const { host, sound, move, drift } = follow({ rate: 2 });
   await host.run(1000);
   assert.ok(Math.abs(sound.playbackRate - 2) < 0.13 && Math.abs(drift()) < 0.05);
@@ -284,31 +284,31 @@ test("a player plays the sound of its file", async (t) => {
   assert.ok(sound.paused);
 });
 
-test("a sound that is given up while its player is loaded is not played", async (t) => {
+test("a sound that is aborted while its player is loaded is not played", async (t) => {
   for (const opened of [(player) => (player.audio = "none"), (player) => player.unload(), (player) => player.destroy()]) {
     const { sound, requests } = await openWithSound(t, { opened });
     assert.deepEqual([sound, requests], [undefined, []]);
   }
 });
 
-test("a sound of another origin is not loaded, and a page can name it", async (t) => {
+test("a sound on another origin is not loaded unless the page sets it", async (t) => {
   const refused = await openWithSound(t, { location: "https://other.example/a.wav" });
   assert.equal(refused.requests.length, 0);
   assert.equal(refused.player.hasAudio, false);
-  assert.match(refused.notices[0].message, /another origin than the scene/);
+  assert.match(refused.notices[0].message, /not on the origin of the scene/);
   refused.player.audio = "https://other.example/a.wav"; // the page's own choice
   await refused.host.run(20);
   assert.equal(refused.requests.length, 0);
   assert.deepEqual(refused.sounds.map(({ src }) => src), [undefined, "https://other.example/a.wav"]);
 });
 
-test("a sound next to a scene of another server is asked for without redirects", async (t) => {
+test("a sound next to a scene of another server is requested without redirects", async (t) => {
   const { requests, sound } = await openWithSound(t, { scene: "https://cdn.example/scene.stgs" });
   assert.deepEqual([requests[0].mode, requests[0].redirect, requests[0].credentials], ["cors", "error", "omit"]);
   assert.equal(sound.crossOrigin, "anonymous");
 });
 
-test("a missing sound and one that is not wanted leave the scene silent", async (t) => {
+test("a missing sound and a disabled one leave the scene silent", async (t) => {
   const missing = await openWithSound(t, { reply: { ok: false, status: 404, url: "http://page/a.wav" } });
   assert.match(missing.notices[0].message, /a\.wav cannot be read: status 404/);
   assert.equal(missing.sound.src, undefined);

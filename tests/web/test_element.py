@@ -229,7 +229,7 @@ class ElementTest(ElementCase):
         self.assertIn("InvalidStateError", self.check("failure(remote.play())"))
 
     def test_pages_that_are_not_permitted_are_not_answered(self):
-        self.assertIn("TimeoutError: no player of", self.embed("https://page.example", timeout=700))
+        self.assertIn("TimeoutError: no player on", self.embed("https://page.example", timeout=700))
         # A page of a permitted origin that does not embed the player, but is next to it.
         self.assertEqual(self.embed(""), "none")
         self.assertFalse(self.check("""new Promise((resolve) => {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The first read of a source, and the version that later reads must have.
+// The first read of a source, and checks that later reads have the same version.
 import assert from "node:assert/strict";
 import test from "node:test";
 import { importSource } from "./import_source.mjs";
@@ -24,38 +24,38 @@ function serve(size, change = (answer) => answer) {
   return requests;
 }
 
-test("one request reads the begin of a file and its size", async () => {
+test("one request reads the start of a file and its size", async () => {
   const requests = serve(1000);
-  const { head, size, version } = await rangeReader(URL).begin(100, signal);
+  const { head, size, version } = await rangeReader(URL).readStart(100, signal);
   assert.deepEqual([head.length, head[7], size, version, requests], [100, 7, 1000, '"a"', ["bytes=0-99"]]);
 });
 
 test("a file may be shorter than the first read, a range of it may not", async () => {
   serve(30);
   const reader = rangeReader(URL);
-  const { head, size } = await reader.begin(100, signal);
+  const { head, size } = await reader.readStart(100, signal);
   assert.deepEqual([head.length, head.buffer.byteLength, size], [30, 30, 30]);
   await assert.rejects(reader.read(20, new Uint8Array(20), signal), /shorter than before/);
 });
 
-test("an incomplete begin is no begin", async () => {
+test("an incomplete start is rejected", async () => {
   serve(1000, (answer) => ({ ...answer, end: answer.end - 1 }));
-  await assert.rejects(rangeReader(URL).begin(100, signal), { retry: true, message: /another range/ });
+  await assert.rejects(rangeReader(URL).readStart(100, signal), { retry: true, message: /another range/ });
   serve(1000, (answer) => ({ ...answer, begin: 1 }));
-  await assert.rejects(rangeReader(URL).begin(100, signal), /another range/);
+  await assert.rejects(rangeReader(URL).readStart(100, signal), /another range/);
 });
 
-test("a file that was replaced after its begin was read is noticed", async () => {
+test("a file that is replaced after its start was read is detected", async () => {
   serve(1000);
-  const known = await rangeReader(URL).begin(100, signal); // by the page
+  const known = await rangeReader(URL).readStart(100, signal); // by the page
   await rangeReader(URL, known).read(100, new Uint8Array(10), signal);
   serve(1000, (answer) => ({ ...answer, etag: '"b"' }));
   await assert.rejects(rangeReader(URL, known).read(100, new Uint8Array(10), signal), /was replaced/);
 });
 
-test("a Blob has a begin", async () => {
+test("the start of a Blob can be read", async () => {
   const blob = new Blob([Uint8Array.of(1, 2, 3)]);
-  const { head, size } = await rangeReader(blob).begin(100, signal);
+  const { head, size } = await rangeReader(blob).readStart(100, signal);
   assert.deepEqual([[...head], size], [[1, 2, 3], 3]);
 });
 

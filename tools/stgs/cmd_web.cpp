@@ -26,7 +26,7 @@ namespace {
 constexpr const char* kSceneName = "scene.stgs";  // on the site
 constexpr const char* kPageName = "index.html";
 
-// Whether a text is an origin as browsers write it, with which they compare it.
+// Returns whether a text is an origin in the form in which browsers serialise and compare it.
 bool is_origin(std::string_view text) {
   const bool is_https = text.starts_with("https://");
   if (!is_https && !text.starts_with("http://")) return false;

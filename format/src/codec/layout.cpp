@@ -326,7 +326,7 @@ bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t max_tables,
                            entries, memory);
       return false;
     }
-    // By a quarter, since doubling takes three times the memory of layouts without rows.
+    // Grows by a quarter: doubling would take three times the memory of layouts without rows.
     if (const std::size_t size = set.layouts.size(); size == set.layouts.capacity())
       set.layouts.reserve(size + std::max<std::size_t>(64, size / 4));
     set.layouts.push_back(std::move(layout));

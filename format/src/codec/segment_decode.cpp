@@ -14,8 +14,8 @@ namespace stgs {
 namespace {
 
 using N = IssueNumber;
-// Memory of a range that is checked, on all threads, and of one that is passed on, on one thread:
-// it stays in the cache.
+// Memory of a range that is only checked, on all threads, and of a range that is passed to a
+// visitor, on one thread, where it stays in the cache.
 constexpr std::uint64_t kCheckedMemory = 4 << 20, kPassedMemory = 1 << 20;
 
 Step log_scale_step(const Layout& layout) {
@@ -158,7 +158,7 @@ class RangeDecoder {
     return out;
   }
 
-  // Returns the greatest SH degree of which there are values.
+  // Returns the greatest SH degree that has values.
   int greatest_band() const {
     int out = 0;
     for (const Attribute band : kBands) {

@@ -148,8 +148,8 @@ class Loader {
     return true;
   }
 
-  // Loads nodes that the source has until the index has `entries` entries: those that are needed at
-  // `ticks` or soonest after it, and then earlier ones.
+  // Loads available nodes until the index has `entries` entries: first the nodes needed at `ticks`
+  // or soonest after it, then earlier ones.
   bool load_ahead(double ticks, std::uint64_t entries) {
     IndexWalk::Links& pending = head_.walk.pending;
     // Equal ones in the order of `pending`.

@@ -113,9 +113,9 @@ struct DecodingWork {
 // kMemoryLimit.
 bool decode_ranges(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
                    const RangeVisitor& visit, DecodingWork& work, Findings& findings);
-// Decodes all attributes and makes the checks of decode_segment(), but passes a range of primitives
-// after the other to `visit`, of SH up to the greatest degree of the records. Returns false, and
-// does nothing, if some of the primitives lack SH that others have.
+// Decodes all attributes and makes the checks of decode_segment(), but passes the primitives to
+// `visit` range by range, with SH up to the greatest degree of the records. Returns false, and does
+// nothing, if primitives have different SH degrees.
 bool pass_ranges(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
                  TimeOrigin origin, const RangeVisitor& visit, Findings& findings);
 

@@ -7,10 +7,10 @@ namespace {
 
 using Control = tbb::global_control;
 
-// Starts TBB's threads until there are `wanted`, with the calling one. Returns how many there are:
-// less if the system refused one. Each has a task in an arena of its own, which ends when all are
-// started: so none is idle, and the next task needs a new one, which enqueue() starts before it
-// returns.
+// Starts TBB's threads until there are `wanted`, including the calling one. Returns their number,
+// which is lower if the system refused one. Each has a task in an arena of its own, which ends when
+// all are started: so none is idle, and the next task needs a new one, which enqueue() starts
+// before it returns.
 int start_threads(int wanted) {
   const auto released = std::make_shared<std::atomic<bool>>(false);
   int threads = 1;
@@ -29,7 +29,7 @@ int start_threads(int wanted) {
 }  // namespace
 
 void start_workers() {
-  static std::atomic<int> started = 1;  // threads, with the calling one
+  static std::atomic<int> started = 1;  // threads, including the calling one
   const auto wanted = [] {
     return static_cast<int>(Control::active_value(Control::max_allowed_parallelism));
   };
@@ -39,7 +39,7 @@ void start_workers() {
   if (started >= wanted()) return;
   const int threads = start_threads(wanted());
   if (threads < wanted()) {
-    // As long as the process lives: TBB would try to start the others.
+    // Never destroyed: otherwise, TBB would try to start the other threads.
     new Control(Control::max_allowed_parallelism, static_cast<std::size_t>(threads));
   }
   started = threads;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Decoders of compressed bytes, with zlib and libzstd; in browsers, with their own decoder of gzip
+// Decoders of compressed bytes, with zlib and libzstd. In browsers, the browser decodes gzip
 // (sdk/web/core/import_compression.cpp).
 #pragma once
 
@@ -22,7 +22,7 @@ inline bool is_gzip(std::span<const std::uint8_t> bytes) {
   return bytes.size() >= 2 && bytes[0] == 0x1F && bytes[1] == 0x8B;
 }
 
-// Decodes a gzip stream incrementally. Bytes behind it are ignored.
+// Decodes a gzip stream incrementally. Bytes after the stream are ignored.
 class GzipReader {
  public:
   // The bytes must outlive the object. `file` is for messages.
@@ -31,7 +31,7 @@ class GzipReader {
   GzipReader(const GzipReader&) = delete;
   GzipReader& operator=(const GzipReader&) = delete;
 
-  // Fills `out`, or less at the end of the stream. Returns the number of bytes. Verifies the
+  // Fills `out`, or part of it at the end of the stream. Returns the number of bytes. Verifies the
   // checksum at the end.
   Result<std::size_t> read_some(std::span<std::uint8_t> out);
   // Fills `out`.
@@ -47,7 +47,7 @@ class GzipReader {
   std::unique_ptr<Stream> stream_;
 };
 
-// Decodes zstd frames that hold exactly `out`. `label`: the frames, for messages.
+// Decodes zstd frames into `out`, whose size they must match. `label` names them in messages.
 Status decompress_zstd(std::span<const std::uint8_t> frames, std::span<std::uint8_t> out,
                        const std::string& label);
 

@@ -18,11 +18,11 @@ struct SogModel {
   SogLayout layout;
 };
 
-// Reads the description of a model. Checks that the images of its splats have their size, without
-// decoding them; allocates no memory for splats.
+// Reads the description of a model. Checks the sizes of its images without decoding them; allocates
+// no memory for splats.
 Result<SogModel> open_sog(std::unique_ptr<NamedFiles> files, const std::string& meta_name,
                           ImportMemory& memory);
-// Reads models as one static set, in their order.
+// Reads models in the given order, as one static set.
 Result<Scene> read_sog_models(const std::vector<SogModel>& models, ImportMemory& memory,
                               ConversionNotes* notes);
 

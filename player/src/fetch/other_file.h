@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How a poll recognises the file that it polls.
+// Lets a poll detect that the file was replaced.
 #pragma once
 
 #include <algorithm>
@@ -11,8 +11,8 @@ namespace stgs::player {
 
 inline constexpr std::size_t kMaxComparedHead = 4096;  // bytes that a poll reads
 
-// Returns whether another file has taken the place of the one that began with `head`, or the file
-// was cut within its first `stable_bytes`. `now` and `total`: its first bytes and its size.
+// Returns whether the file that began with `head` was replaced, or cut within its first
+// `stable_bytes`. `now` and `total`: its current first bytes and size.
 inline bool is_other_file(std::span<const std::uint8_t> head, std::uint64_t stable_bytes,
                           std::span<const std::uint8_t> now, std::uint64_t total) {
   const std::size_t compared = std::min(head.size(), kMaxComparedHead);

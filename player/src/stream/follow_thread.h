@@ -10,8 +10,8 @@
 
 namespace stgs::player {
 
-// Calls Follower::step() whenever that is due, on a thread that ends when the follower is done, or
-// with this object. Thread-safe.
+// Calls Follower::step() whenever it is due, on a thread that ends when the follower is done or
+// this object is destroyed. Thread-safe.
 class FollowThread {
  public:
   // `follower` is not used after stop().
@@ -21,9 +21,9 @@ class FollowThread {
   FollowThread(const FollowThread&) = delete;
   FollowThread& operator=(const FollowThread&) = delete;
 
-  // Begins no further reads, also of a load in progress.
+  // Starts no further reads, even for a load in progress.
   void stop() noexcept;
-  // Looks at once for parts of the index that playback needs.
+  // Checks at once whether playback needs further parts of the index.
   void wake() noexcept;
 
  private:

@@ -16,9 +16,9 @@
 
 namespace stgs::player {
 
-// Hands readers that know more of the file to the segment store. step() makes the progress; one
-// thread at a time calls it. Reports each problem once, and again if it recurs after attempts
-// without one; keeps trying in any case.
+// Passes readers that know more of the file to the segment store. step() does the work; one thread
+// at a time may call it. Reports each problem once, and again if it recurs after successful
+// attempts; keeps trying in any case.
 class Follower {
  public:
   // `cache` is the one with which the reader of `store` was opened. `polls`: whether to follow the
@@ -32,12 +32,12 @@ class Follower {
 
   // Loads the parts of the index that playback needs, and polls the recording if that is due. Waits
   // for reads, unless the source cannot (ByteSource::is_pending()): then it does nothing until the
-  // bytes have arrived. Returns when to call it again, clock seconds; infinity: when playback needs
-  // another part of the index, or bytes have arrived.
+  // bytes have arrived. Returns the time of the next call, clock seconds; infinity: call it when
+  // playback needs another part of the index, or bytes have arrived.
   double step() noexcept;
   // Returns whether the file is complete and its index is known.
   bool is_done() const { return !is_polling() && reader_->is_loaded(-kNever, kNever); }
-  // Begins no further reads, also of a load in progress. Thread-safe.
+  // Starts no further reads, even for a load in progress. Thread-safe.
   void stop() noexcept;
 
  private:

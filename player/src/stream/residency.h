@@ -60,8 +60,8 @@ class Residency {
   void end_decode(std::uint32_t segment) noexcept;
   void decoded(std::uint32_t segment, DecodedSegment resident, bool has_sh) noexcept;
 
-  // Adopts a change of SegmentIndex::is_needed(): segments that are no longer needed are evicted,
-  // those in flight as soon as another one needs their memory.
+  // Adopts a change of SegmentIndex::is_needed(): evicts segments that are no longer needed; those
+  // in flight are cancelled as soon as another segment needs their memory.
   void apply_needs() noexcept;
   // Evicts the spherical harmonics of a segment that are not decoded yet.
   void evict_sh(std::uint32_t segment) noexcept;

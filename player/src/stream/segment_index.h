@@ -57,8 +57,8 @@ class SegmentIndex {
   // Returns the number of tiers, which is the number of layers without spherical harmonics.
   int tiers() const { return tiers_; }
 
-  // Limits the primitives that are needed at one time: further tiers than those that fit are not
-  // needed at all. The first tier always is. If this throws, nothing has changed.
+  // Limits the primitives that are needed at one time: tiers beyond the limit are not needed at
+  // all. The first tier is always needed. If this throws, nothing has changed.
   void limit_primitives(std::uint64_t max_primitives);
   // Returns tier_peaks() of the file; empty without limit_primitives().
   const std::vector<std::uint64_t>& tier_peaks() const { return tier_peaks_; }

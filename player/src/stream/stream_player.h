@@ -35,7 +35,7 @@ class StreamPlayer {
  public:
   // Reads, decodes and follows on threads.
   StreamPlayer(OpenedFile file, const PlayerSettings& settings, std::shared_ptr<Budget> budget);
-  // Has no threads of its own: pump() makes the progress.
+  // Has no threads of its own: pump() does the work.
   StreamPlayer(OpenedFile file, const PlayerSettings& settings, std::shared_ptr<Budget> budget,
                std::unique_ptr<AsyncByteSource> transport,
                std::unique_ptr<DecodeExecutor> executor);
@@ -46,7 +46,7 @@ class StreamPlayer {
   // Follower::step() and SegmentStore::pump(), for a player without threads.
   PumpResult pump(double now, double budget) noexcept;
 
-  // Returns the file as it is known at present.
+  // Returns the file, as far as known now.
   FileSnapshot snapshot() const { return store_.snapshot(); }
 
   Timeline& timeline() { return *timeline_; }

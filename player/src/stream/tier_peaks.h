@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How many primitives a scene needs at a time, by the tiers that are shown.
+// The number of primitives that a scene needs at one time, by the number of tiers shown.
 #pragma once
 
 #include <cstdint>
@@ -9,8 +9,8 @@
 
 namespace stgs::player {
 
-// Returns, for each number of tiers from 1 to `tiers`, the greatest number of primitives of these
-// first tiers that are needed at one time. The tiers of `segments` are below `tiers`.
+// Returns, for n = 1 to `tiers`, the maximum number of primitives of the first n tiers that are
+// needed at one time. The tiers of `segments` are below `tiers`.
 std::vector<std::uint64_t> tier_peaks(const std::vector<SegmentInfo>& segments, int tiers);
 
 }  // namespace stgs::player

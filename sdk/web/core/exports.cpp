@@ -115,8 +115,8 @@ STGS_EXPORT void stgs_free(void* memory) {
   std::free(memory);
 }
 
-// Creates the player of a file. `follows`: whether it may grow; `max_primitives`: as
-// stgs_limit_primitives(); `prefetch`: seconds that are fetched ahead; `decodes`: segments that the
+// Creates the player of a file. `follows`: whether the file may grow; `max_primitives`: as
+// stgs_limit_primitives(); `prefetch`: seconds to fetch ahead; `decodes`: segments that the
 // host decodes at a time.
 STGS_EXPORT void stgs_create(const char* name, double file_bytes, bool follows,
                              double memory_budget, double max_primitives, double prefetch,

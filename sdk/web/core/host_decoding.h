@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compressed content of a model, which the browser decodes: its decoders run while no function of
-// the module does, so importers request all content before they read any.
+// Compressed content of a model, which the browser decodes. Its decoders are asynchronous and
+// cannot run during a function of the module, so importers request all content before they read
+// any.
 #pragma once
 
 #include <cstdint>
@@ -17,8 +18,8 @@ namespace stgs::web {
 
 enum class Coding : std::uint32_t { kGzip, kDeflate, kWebp };
 
-// Content to decode, for sdk/web/src/viewer/host_decoding.ts. Its fields have 32 bits there. A
-// task is done once `output_bytes` bytes are written, no more and no less.
+// Content to decode, for sdk/web/src/viewer/host_decoding.ts, where each field has 32 bits. The
+// task writes exactly `output_bytes` bytes.
 struct DecodeTask {
   Coding coding{};
   const char* label = nullptr;  // the content, for messages
@@ -30,11 +31,13 @@ struct DecodeTask {
 };
 static_assert(sizeof(void*) != 4 || sizeof(DecodeTask) == 7 * 4);
 
-// Identifies content by its coding and its label: an image may be compressed in an archive, too.
+// Content is identified by its coding and its label, because an image may also be a compressed
+// member of an archive.
 class HostDecoding {
  public:
-  // Adds a task, and charges and allocates its output of `bytes` bytes; adds none if there was such
-  // a task. `input` must stay valid until the task is done, and `memory` outlive this object.
+  // Adds a task, and charges and allocates its output of `bytes` bytes. Does nothing if the content
+  // has already been requested. `input` must stay valid until the task is done; `memory` must
+  // outlive this object.
   Status request(Coding coding, const std::string& label, std::span<const std::uint8_t> input,
                  std::uint64_t bytes, ImportMemory& memory, std::uint32_t width = 0);
   // Returns the next task, valid until the next call; null if none is left.
@@ -48,7 +51,7 @@ class HostDecoding {
   DecodeTask current_;
 };
 
-// Returns that of the module, which importers of the shared code use.
+// Returns the object of this module, for the importers of the shared code.
 HostDecoding& host_decoding();
 
 }  // namespace stgs::web

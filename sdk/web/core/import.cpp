@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The functions of stgs-import.wasm (sdk/web/src/viewer/import_worker.ts): converts a model to an
-// .stgs file in memory: a 3DGS PLY, an SPZ or a SOG model, by the ending of its name. An instance
-// of the module converts one file. The host calls stgs_import_unpack(), stgs_import_open() and
-// stgs_import_convert(), in this order, and does all tasks of stgs_import_task() after each one.
+// The functions of stgs-import.wasm (sdk/web/src/viewer/import_worker.ts), which converts a 3DGS
+// PLY, an SPZ or a SOG model to an .stgs file in memory. The extension of the name selects the
+// format. An instance of the module converts one file. The host calls stgs_import_unpack(),
+// stgs_import_open() and stgs_import_convert(), in this order, and executes all tasks of
+// stgs_import_task() after each one.
 #include <cstdint>
 #include <exception>
 #include <memory>
@@ -28,7 +29,7 @@ using Bytes = std::vector<std::uint8_t>;
 
 ReadLimits import_limits() {
   ReadLimits limits;
-  limits.max_memory = std::uint64_t{2} << 30;  // of 4 GiB that have an address
+  limits.max_memory = std::uint64_t{2} << 30;  // of the 4 GiB of addresses
   return limits;
 }
 
@@ -42,7 +43,7 @@ bool has_ending(std::string_view name, std::string_view ending) {  // in lower c
   return true;
 }
 
-// The conversion of one file. The steps are called once each, in their order.
+// The conversion of one file. Call each step once, in this order.
 class Import {
  public:
   Import(Bytes file, const std::string& name)
@@ -118,7 +119,7 @@ class Import {
 Bytes input, output;
 std::optional<Import> import;
 
-// Returns to the host why a step failed, or null.
+// Returns the message of a failed step to the host, or null.
 template <typename Step>
 const char* attempt(const Step& step) {
   try {
@@ -147,7 +148,7 @@ STGS_EXPORT std::uint8_t* stgs_import_allocate(std::uint32_t file_bytes, std::ui
   }
 }
 
-// The steps. Each returns null if it succeeded, or why it failed.
+// The steps. Each returns null on success, or an error message.
 STGS_EXPORT const char* stgs_import_unpack(std::uint32_t file_bytes) {
   return attempt([&] {
     const std::string name(reinterpret_cast<const char*>(input.data()) + file_bytes);

@@ -9,7 +9,7 @@
 namespace stgs {
 
 struct GzipReader::Stream {
-  std::span<const std::uint8_t> content;  // that is not read yet
+  std::span<const std::uint8_t> content;  // the remaining bytes
 };
 
 // The content was requested with the name of the file.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Declares to the linker the functions of page.h, which the host has. Their code is in src/core/module.ts.
+// Declares the functions of page.h to the linker. The host implements them in src/core/module.ts.
 mergeInto(LibraryManager.library, {
   stgs_host_read: function () {},
   stgs_host_cancel: function () {},

@@ -11,9 +11,9 @@ extern "C" {
 void stgs_host_read(std::uint32_t id, double offset, std::uint32_t bytes, std::uint8_t* to);
 // Ends a read early; stgs_read_done() follows.
 void stgs_host_cancel(std::uint32_t id);
-// Begins to decode a segment, a ListedSegment, from its records, which the host copies: `bytes`
-// bytes at `base`, which are at `offset` of the file, and those of the spherical harmonics, if
-// there are any. Ends by stgs_decode_done().
+// Starts to decode a segment, a ListedSegment, from its records, which the host copies: `bytes`
+// bytes at `base`, located at `offset` of the file, and those of the spherical harmonics, if any.
+// The host ends it by stgs_decode_done().
 void stgs_host_decode(std::uint32_t id, const std::uint8_t* segment, std::uint32_t segment_bytes,
                       bool with_sh, double offset, const std::uint8_t* base, std::uint32_t bytes,
                       double sh_offset, const std::uint8_t* sh, std::uint32_t sh_bytes);

@@ -21,7 +21,7 @@ class PageTransport final : public player::AsyncByteSource {
   void cancel(std::uint64_t id) noexcept override;
   void stop() noexcept override;
 
-  // Returns the id of another read of the host.
+  // Returns a new id for a read of the host.
   std::uint32_t next_id() { return next_++; }
   // Called by the host: the read has ended, with a message if it failed. `now`: seconds of the
   // clock that pump() has.

@@ -14,8 +14,8 @@
 
 namespace stgs::web {
 
-// Opens a file from the bytes with which another instance opened it, and decodes segments that this
-// has listed, from the bytes of their records. One thread.
+// Opens a file from the bytes with which another instance opened it, and decodes segments listed by
+// that instance, from the bytes of their records. One thread.
 class PartDecoder {
  public:
   // A part of a segment: consecutive primitives.
@@ -33,23 +33,23 @@ class PartDecoder {
   Status open();
   // The segment to decode.
   ListedSegment& segment() { return segment_; }
-  // Decodes it as player::decode_to_render(); open() has succeeded.
+  // Decodes the segment as player::decode_to_render() does, after open() has succeeded.
   Status decode(bool with_sh, Status& sh);
   // The time from which the times of the decoded segment count, ticks of its part.
   double time_origin() const { return time_origin_; }
-  // Moves on to the next part of the decoded segment; null after the last one. Valid until the next
-  // call.
+  // Returns the next part of the decoded segment, valid until the next call; null after the last
+  // one.
   const Part* next_part();
 
  private:
   // Primitives of a part: its packed data take at most 11 MB.
   static constexpr std::uint32_t kPartPrimitives = 1 << 16;
 
-  // Decodes and packs all that was read of a segment.
+  // Decodes the records of the segment and packs its primitives.
   Status fill(bool with_sh);
-  // Packs a range of primitives of a segment of n, from number `begin` on.
+  // Packs `set`: the primitives of a segment of n from number `begin` on.
   void pack_range(const Gaussians4D& set, std::size_t begin, std::uint32_t n);
-  // Makes memory for packed primitives, which is not set.
+  // Allocates uninitialised memory for packed primitives.
   void allocate(std::size_t bytes);
   // Bytes of the parts before primitive `begin`, a multiple of kPartPrimitives.
   std::size_t bytes_before(std::size_t begin) const;

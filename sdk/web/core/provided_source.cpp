@@ -10,8 +10,8 @@
 namespace stgs::web {
 namespace {
 
-// Bytes read at a time: at least so many, and where the read continues provided bytes this share of
-// them, since each attempt to read an index looks at all of them.
+// Bytes read at a time: at least kReadBytes. If a read continues provided bytes, it grows to 1 /
+// kReadShare of them, because each attempt to read an index starts over.
 constexpr std::uint64_t kReadBytes = 64 << 10, kReadShare = 4;
 constexpr std::uint64_t kMaxBytes = 64 << 20;  // provided at a time
 
@@ -48,7 +48,7 @@ Status ProvidedSource::read(std::uint64_t offset, std::span<std::uint8_t> out) c
       const std::uint64_t wanted = std::max(kReadBytes, continues ? bytes_ / kReadShare : 0);
       const std::uint64_t more = std::max<std::uint64_t>(
           out.size() - done, std::min(wanted, kMaxBytes - std::min(kMaxBytes, bytes_)));
-      return lack({at, std::min(more, size_ - at)});
+      return report_missing({at, std::min(more, size_ - at)});
     }
     const std::size_t count = std::min(bytes.size(), out.size() - done);
     std::copy_n(bytes.begin(), count, out.begin() + static_cast<std::ptrdiff_t>(done));
@@ -57,12 +57,12 @@ Status ProvidedSource::read(std::uint64_t offset, std::span<std::uint8_t> out) c
   return {};
 }
 
-Status ProvidedSource::lack(Range range) const {
+Status ProvidedSource::report_missing(Range range) const {
   Status failure = std::exchange(failure_, Status());
   if (!failure.ok() && range.offset == failed_at_) return failure;
   if (bytes_ + range.bytes > kMaxBytes) {
     return unsupported(
-        "{}: the index takes more than {} MiB at a time, or the file is damaged; download or "
+        "{}: the index needs more than {} MiB at a time, or the file is damaged; download or "
         "repair it ('stgs finalize')",
         name_, kMaxBytes >> 20);
   }
@@ -75,7 +75,8 @@ Result<ByteSource::Change> ProvidedSource::refresh(std::uint64_t stable_bytes) {
     clear();
     // The file may have changed beyond `stable_bytes`.
     if (head_.size() > stable_bytes) head_.resize(static_cast<std::size_t>(stable_bytes));
-    Status status = lack({0, std::min<std::uint64_t>(player::kMaxComparedHead, stable_bytes)});
+    Status status =
+        report_missing({0, std::min<std::uint64_t>(player::kMaxComparedHead, stable_bytes)});
     is_polling_ = is_pending();
     return status;
   }

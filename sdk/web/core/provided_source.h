@@ -16,8 +16,8 @@
 
 namespace stgs::web {
 
-// Reads provided bytes. A read of others fails with kIo and is_pending(), and is repeated once the
-// page has provided missing(). One thread.
+// Reads bytes that the page has provided. A read of other bytes fails with kIo, and is_pending()
+// returns true; repeat it once the page has provided missing(). One thread.
 class ProvidedSource final : public ByteSource {
  public:
   struct Range {
@@ -35,17 +35,17 @@ class ProvidedSource final : public ByteSource {
   bool may_grow() const override { return true; }
   bool is_pending() const override { return missing_.has_value(); }
   bool has(std::uint64_t offset, std::uint64_t bytes) const override;
-  // Forgets the provided bytes, since the file may have changed.
+  // Discards the provided bytes, because the file may have changed.
   Result<Change> refresh(std::uint64_t stable_bytes) override;
   Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override;
 
-  // Returns the bytes that the last read lacked and some of those after them.
+  // Returns the bytes that the last read needs, with some read-ahead.
   const std::optional<Range>& missing() const { return missing_; }
-  // Returns memory for bytes from `offset` on, which count as provided: there are no missing() ones
-  // now.
+  // Returns memory for the caller to fill with the bytes from `offset` on, which count as provided.
+  // Resets missing().
   std::span<std::uint8_t> provide(std::uint64_t offset, std::uint64_t bytes);
-  // The page has read bytes from `offset` on, which were missing, from a file of `file_bytes`
-  // bytes, or failed to.
+  // Ends the read of missing(): with bytes from `offset` on of a file of `file_bytes` bytes, or
+  // with a failure.
   void end_read(std::uint64_t offset, std::vector<std::uint8_t> bytes, std::uint64_t file_bytes);
   void fail_read(std::uint64_t offset, Status failure);
   // Frees the provided bytes.
@@ -57,10 +57,11 @@ class ProvidedSource final : public ByteSource {
     std::vector<std::uint8_t> head;
     std::uint64_t file_bytes = 0;
   };
-  // Returns the provided bytes from `at` on, of one range; empty: there are none.
+  // Returns the provided bytes from `at` to the end of a range; empty if there are none.
   std::span<const std::uint8_t> bytes_at(std::uint64_t at) const;
-  // Makes a range the missing one, unless reading it has failed. Returns the error of the read.
-  Status lack(Range range) const;
+  // Sets missing() to a range and returns a pending error, or the error with which reading it
+  // failed.
+  Status report_missing(Range range) const;
 
   const std::string name_;
   std::uint64_t size_;

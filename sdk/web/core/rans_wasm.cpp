@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The functions of codec/rans_vector.cpp for WebAssembly, with vectors of four lanes. There are no
-// gathers: each lane loads its entry of the lookup.
+// The functions of codec/rans_vector.cpp for WebAssembly, with vectors of four lanes. WebAssembly
+// has no gather instructions, so each lane loads its entry of the lookup table separately.
 #include <wasm_simd128.h>
 
 #include <bit>
@@ -11,7 +11,7 @@ namespace stgs {
 namespace {
 
 constexpr std::size_t kVectorLanes = 4;
-constexpr std::size_t kMinLanes = 8;  // of blocks that vectors decode faster than the scalar loop
+constexpr std::size_t kMinLanes = 8;  // blocks with fewer lanes decode faster in the scalar loop
 
 // Row m: for each byte of four lanes of 32 bits, the byte of the next words that it takes if the
 // lanes of the bit mask m take a word each, in order; other bytes become 0.

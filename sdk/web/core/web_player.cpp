@@ -16,7 +16,7 @@ namespace {
 // renderer's texture, and the padding of packed_segment.h. Of longer ones, that is little.
 constexpr std::uint64_t kSegmentOverhead = 52 << 10;
 
-// Seconds between two polls of a recording when its next fragment is due, at least: each is a
+// Minimum seconds between two polls of a recording when its next fragment is due: each is a
 // request.
 constexpr double kPollSeconds = 0.2;
 
@@ -78,7 +78,7 @@ void WebPlayer::read_index() {
     provided_->clear();
   }
   const auto& missing = provided_->missing();
-  if (!missing) return provided_->clear();  // nothing waits for more, so it is done with the others
+  if (!missing) return provided_->clear();  // no read waits, so the bytes are no longer needed
   if (index_read_ != 0) return;
   index_offset_ = missing->offset;
   index_bytes_.resize(static_cast<std::size_t>(missing->bytes));

@@ -28,7 +28,7 @@ class WebPlayer {
     double origin = 0;          // ticks of the timeline from which its times count
   };
 
-  // `follows`: if the file is being recorded, its growth is followed.
+  // `follows`: whether to follow the growth of a file that is being recorded.
   WebPlayer(const std::string& name, std::uint64_t file_bytes, bool follows,
             std::uint64_t memory_budget, std::uint64_t max_primitives, double prefetch_seconds,
             int decodes);
@@ -41,7 +41,7 @@ class WebPlayer {
   player::StreamPlayer& player() { return *player_; }
   PageTransport& transport() { return *transport_; }
   WorkerExecutor& executor() { return *executor_; }
-  // The file as it is known at present.
+  // The file, as far as known now.
   const SceneReader& reader() const { return *reader_; }
 
   // Advances playback to `now` and begins reads and decodings, for at most about `budget` seconds.
@@ -57,7 +57,7 @@ class WebPlayer {
   std::vector<player::TimeRange> buffered() const;
 
  private:
-  // Takes over the reader of the player, and begins to read the bytes that it lacks.
+  // Adopts the reader of the player, and starts to read the bytes that it needs.
   void read_index();
   void find_changes();
   // Returns the decoded segments that the page should hold now.

@@ -12,7 +12,7 @@ namespace stgs::web {
 
 struct WebpStream {
   ImageSize size;
-  std::span<const std::uint8_t> bytes;  // of the file; at least 5
+  std::span<const std::uint8_t> bytes;  // at least 5, within those of the file
 };
 
 // Finds the lossless stream of an image, without decoding it. Rejects lossy and animated images.

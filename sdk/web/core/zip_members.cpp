@@ -35,7 +35,7 @@ Result<std::unique_ptr<ZipMembers>> ZipMembers::open(View bytes, const std::stri
   const std::uint32_t count = end.u16(), size = end.u32(), offset = end.u32();
   if (!end.ok()) return invalid_file("{}: not a zip archive, or truncated", name);
   if (count == 0xFFFF || size == 0xFFFFFFFF || offset == 0xFFFFFFFF) {
-    return unsupported("{}: a zip archive of 64 bits; use 'stgs convert'", name);
+    return unsupported("{}: zip64 archives are not supported; use 'stgs convert'", name);
   }
   STGS_ASSIGN(Lease lease, memory.take(count * kMemberMemory, "the members of the archive"));
   ByteReader list(bytes.subspan(std::min<std::size_t>(offset, bytes.size())));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The members of a zip archive in memory, for the import module: browsers have no reader of zip.
+// The members of a zip archive in memory, for the import module: browsers cannot read zip.
 #pragma once
 
 #include <map>
@@ -16,15 +16,15 @@ namespace stgs::web {
 
 class ZipMembers final : public NamedFiles {
  public:
-  // Opens an archive, and requests the content of its deflated members. Encrypted members, and
-  // archives of 64 bits, are rejected. The list of members is charged to `memory`. `name`: the
+  // Opens an archive, and requests the content of its deflated members. Encrypted members and zip64
+  // archives are rejected. The list of members is charged to `memory`. `name`: the
   // archive, for messages. `bytes`, `decoding` and `memory` must outlive the object.
   static Result<std::unique_ptr<ZipMembers>> open(std::span<const std::uint8_t> bytes,
                                                   const std::string& name, HostDecoding& decoding,
                                                   ImportMemory& memory);
 
-  // Returns the content of a member, valid as long as this object, after the host has decoded what
-  // open() requested. Verifies its checksum.
+  // Returns the content of a member, valid as long as this object. Call it after the host has
+  // decoded the content that open() requested. Verifies the checksum.
   Result<std::span<const std::uint8_t>> content(const std::string& name) const;
 
   std::string label(const std::string& name) const override { return name_ + ":" + name; }

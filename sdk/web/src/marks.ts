@@ -2,10 +2,10 @@
 // Marks of the steps of loading, for the performance tools of browsers and tests/web/bench_load.py.
 
 /**
- * The steps: the script of the page runs; its worker does; the core is compiled; the file is open; the
- * first read of content is complete; its first segment is decoded; the base layer of all that the first
- * image needs is; the renderer is ready; the page has passed the first segment to it; the page has drawn
- * the first image.
+ * The steps, in the order of the type: the script of the page runs; its worker runs; the core is compiled;
+ * the file is open; the first read of content is complete; the first segment is decoded; the base layer of
+ * the first image is decoded; the renderer is ready; the first segment is uploaded; the first image is
+ * drawn.
  */
 export type LoadStep =
   "script" | "worker" | "compiled" | "opened" | "fetched" | "decoded" | "ready" | "renderer" | "uploaded" | "drawn";
@@ -24,7 +24,7 @@ export class LoadMarks {
     markStep(step);
   }
 
-  /** Another source begins. */
+  /** Starts another source. */
   reset(): void {
     this.marked.clear();
   }

@@ -36,7 +36,7 @@ async function hasHeadset(): Promise<boolean> {
 }
 
 async function automatic(canvas: HTMLCanvasElement, signal: AbortSignal): Promise<Renderer> {
-  const hasGpu = hasWebGpu(); // both questions take the browser a while
+  const hasGpu = hasWebGpu(); // in parallel, because both queries take time
   hasGpu.catch(() => undefined); // reported below, if it matters
   try {
     if (!(await hasHeadset()) && (await hasGpu)) return await webGpu(canvas, signal);

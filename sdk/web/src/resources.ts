@@ -28,12 +28,12 @@ async function compile(): Promise<WebAssembly.Module> {
   const url = new URL("./stgs-core.wasm", import.meta.url);
   const response = await fetch(url);
   if (!response.ok) throw new Error(`${url.pathname}: status ${response.status}; copy stgs-core.wasm next to the script`);
-  // While it arrives, if the server states its type.
+  // Compiles during the download, which needs the right type.
   if (response.headers.get("Content-Type") === "application/wasm") return WebAssembly.compileStreaming(response);
   return WebAssembly.compile(await response.arrayBuffer());
 }
 
-/** Passes the core to a worker once it is compiled, or the reason why it is not. */
+/** Passes the core to a worker once it is compiled, or the reason if compiling fails. */
 function provideCore(worker: Worker): void {
   const send = (message: StartMessage) => worker.postMessage(message);
   core ??= compile();
@@ -56,30 +56,30 @@ function endOf(worker: Worker): AbortSignal {
 }
 
 /**
- * Begins to read a source for a worker, until the worker is terminated, so that the read does not wait for
- * the worker.
+ * Starts reading a source for a worker, so that the read does not wait for the worker to start. Terminating
+ * the worker aborts the read.
  */
-function provideBegin(worker: Worker, source: string): void {
+function provideStart(worker: Worker, source: string): void {
   const send = (message: StartMessage) => worker.postMessage(message);
-  send({ type: "begin", source });
-  rangeReader(source).begin(OPEN_BYTES, endOf(worker)).then(
-    (begin) => send({ type: "head", begin }),
+  send({ type: "expect", source });
+  rangeReader(source).readStart(OPEN_BYTES, endOf(worker)).then(
+    (start) => send({ type: "start", start }),
     (error: unknown) => {
       const isFinal = error instanceof ReadError && !error.retry && error.code !== "aborted";
-      send({ type: "head", begin: isFinal ? { problem: error.message, code: error.code } : null });
+      send({ type: "start", start: isFinal ? { problem: error.message, code: error.code } : null });
     });
 }
 
 /**
- * Creates the worker that fetches and decodes a scene. `source`: the absolute URL or Blob that is
- * opened next, if it is known.
+ * Creates the worker that fetches and decodes a scene. `source`: the absolute URL or Blob that will be
+ * opened next, if known.
  */
 export function createWorker(source?: string | Blob): Worker {
   // Bundlers need the literals in place.
   const worker = replaced === null ? new Worker(new URL("./stgs-worker.js", import.meta.url), { type: "module", name: "stgs" })
     : new Worker(replaced.worker, { type: "module", name: "stgs" });
   provideCore(worker);
-  if (typeof source === "string") provideBegin(worker, source);
+  if (typeof source === "string") provideStart(worker, source);
   return worker;
 }
 

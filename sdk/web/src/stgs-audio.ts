@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The sound of scenes: a bundle of its own, which is loaded for scenes that have one.
+// The sound of scenes: a separate bundle, which is loaded only for scenes with sound.
 import { AudioTrack } from "./audio/audio_track";
 import type { Timebase, TrackOwner } from "./audio/audio_track";
 import { checkedUrl, soundUrl } from "./audio/location";
@@ -15,8 +15,8 @@ export interface SoundSource {
 }
 
 /**
- * Resolves to the track of a sound, which loads. Rejects with an Error if the location of a file is
- * not followed or not readable. The page may choose any location.
+ * Resolves to the track of a sound, which then loads. Rejects with an Error if the location in a file is
+ * not permitted or cannot be read. The page may choose any location.
  */
 export async function openSound(
   { scene, chosen }: SoundSource, timebase: Timebase, host: Host, owner: TrackOwner, signal: AbortSignal,
@@ -26,7 +26,7 @@ export async function openSound(
   const track = new AudioTrack(element, scene?.begin ?? 0, timebase, host, owner);
   signal.addEventListener("abort", () => {
     track.destroy();
-    element.removeAttribute("src"); // ends the transfer
+    element.removeAttribute("src"); // stops the download
     element.load();
   });
   if (chosen !== null) {

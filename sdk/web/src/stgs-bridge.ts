@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Players in frames: both sides, a bundle of its own.
+// Players in frames: a separate bundle with both sides of the bridge.
 export { connect, RemotePlayer } from "./bridge/connect";
 export type { ConnectOptions } from "./bridge/connect";
 export { expose } from "./bridge/expose";

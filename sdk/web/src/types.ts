@@ -25,8 +25,8 @@ export interface SceneInfo {
   background: number[];     // 3, encoded as the colours
   startCamera: Camera | null;
   /**
-   * The greatest number of primitives at one time, of the first tier, of the first two, and so on, as far
-   * as is known when the scene is opened.
+   * The maximum number of primitives at one time in the first tier, in the first two tiers, and so on, as
+   * far as known when the scene is opened.
    */
   tierPrimitives: number[];
   audio: SceneAudio | null; // null: the file names none
@@ -37,7 +37,7 @@ export interface SceneAudio {
   location: string;
   /** The time of its first sample, seconds; may be before or after the timeline. */
   begin: number;
-  /** URL of the file, after redirects, to which the location is relative; "": the file is a Blob. */
+  /** URL of the file, after redirects, to which the location is relative; "" if the file is a Blob. */
   base: string;
 }
 /** A decoded segment, packed as player/src/packed_segment.h states, ready for the GPU. */
@@ -49,9 +49,9 @@ export interface PackedSegment {
   origin: number;           // ticks of the timeline from which its times count: local = ticks - origin
   words: ArrayBuffer;       // ownership passes to the receiver
 }
-/** How playback relates to the end of a recording that is being written. Times are seconds. */
+/** Playback relative to the end of a recording in progress. Times are in seconds. */
 export interface LiveState {
-  following: boolean;     // playback follows the live edge, which is the end of the recorded data
+  following: boolean;     // playback follows the live edge, the end of the recorded data
   latency: number;        // from the position to the live edge
   targetLatency: number;  // the latency that playback converges to
 }
@@ -63,7 +63,7 @@ export type CoreMessage =
   | { type: "state"; state: "playing" | "paused" | "buffering" | "ended"; seconds: number; seek: number /* id of the last seek that came before; 0: none */; at: number /* performance.timeOrigin + performance.now() of the worker when seconds was true */;
       rate: number; buffered: [number, number][]; layers: number; layerCount: number;
       bytes: number /* fetched */; bytesPerSecond: number /* recent; 0: not known yet */; memory: number /* bytes of the budget in use */; duration: number;
-      live: LiveState | null /* null: the file is complete */; tierPrimitives: number[] /* of SceneInfo, as far as is known now */ }
+      live: LiveState | null /* null: the file is complete */; tierPrimitives: number[] /* as in SceneInfo, as far as known now */ }
   | { type: "event"; kind: string; message: string }
   | { type: "error"; code: "network" | "format" | "unsupported" | "memory" | "usage" | "aborted"; message: string };
 /** Messages of the page to the core worker. */
@@ -74,18 +74,18 @@ export type PageMessage =
 /** Limits of a source. */
 export interface OpenOptions {
   memoryBudget: number;  // bytes of fetched and decoded data
-  maxPrimitives: number; // at one time: further tiers than those that fit are not fetched; may be Infinity
+  maxPrimitives: number; // at one time; tiers beyond it are not fetched; may be Infinity
   lookAhead: number;     // seconds
 }
 /** The first bytes of a file, its size, the validator of its version ("": unknown), and its URL after redirects ("": none). */
-export interface FileBegin { head: Uint8Array; size: number; version: string; url: string }
-/** Why a read failed that is not worth another attempt. */
+export interface FileStart { head: Uint8Array; size: number; version: string; url: string }
+/** The reason for a failed read that is not retried. */
 export interface ReadFailure { problem: string; code: "network" | "unsupported" }
-/** Messages about the work that the page does while its worker starts. */
+/** Results of the work that the page does while its worker starts. */
 export type StartMessage =
   | { type: "core"; module: WebAssembly.Module } | { type: "core"; problem: string }  // stgs-core.wasm, compiled
-  | { type: "begin"; source: string }            // the page reads the begin of a source, which follows
-  | { type: "head"; begin: FileBegin | ReadFailure | null };  // null: the worker has to read it itself
+  | { type: "expect"; source: string }  // the source that is opened next: the page reads its start, which follows
+  | { type: "start"; start: FileStart | ReadFailure | null };  // null: the worker must read it
 /** Statistics of a recent frame. */
 export interface RendererStatistics {
   primitives: number;  // of all segments that were added
@@ -97,7 +97,7 @@ export interface RendererStatistics {
    */
   computeMs?: number;
   rasterMs?: number;
-  /** Frames that the GPU has finished; absent: those that were drawn, as far as is known. */
+  /** Number of frames that the GPU has finished; absent: all drawn frames count as finished. */
   frames?: number;
 }
 /** Takes the segments of a scene. */
@@ -107,7 +107,7 @@ export interface SegmentSink {
   addSegment(segment: PackedSegment): void;
   removeSegment(id: number): void;
   readonly statistics: RendererStatistics;
-  /** Primitives at one time, at most, by the limits of the GPU; absent: no limit is known. */
+  /** Maximum number of primitives at one time, from the limits of the GPU; absent if unknown. */
   readonly maxPrimitives?: number;
   destroy(): void;
 }

@@ -35,7 +35,7 @@ struct ClientTimes::Client {
   enum State { kRequest, kPreparing, kSending };
 
   int socket;
-  double since;  // now_seconds() at the begin of kRequest, or at the last measurement of kSending
+  double since;  // now_seconds() at the start of kRequest, or at the last measurement of kSending
   State state = kRequest;
   std::uint64_t received = 0;  // bytes at the last measurement
 };

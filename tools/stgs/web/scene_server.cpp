@@ -25,8 +25,8 @@ namespace {
 constexpr unsigned kMaxConnections = 128;
 constexpr unsigned kMaxOfAddress = 32;               // connections; a browser has about six
 constexpr std::size_t kConnectionMemory = 32 << 10;  // bytes; the header of a request must fit
-// Without progress of a response. Its buffers may take more bytes at once than a client of the
-// least rate (client_times.h) receives in some minutes.
+// Time without progress of a response. Socket buffers may accept more bytes at once than a client
+// at the minimum rate (client_times.h) receives in minutes.
 constexpr unsigned kIdleSeconds = 300;
 constexpr std::time_t kSettleSeconds = 10;  // since the last write; until then a file may grow
 constexpr std::string_view kScenes = "/scenes/", kList = "/scenes.json";
@@ -301,7 +301,7 @@ Status Server::listen() {
   port_ = ntohs(bound.ss_family == AF_INET ? reinterpret_cast<sockaddr_in&>(bound).sin_port
                                            : reinterpret_cast<sockaddr_in6&>(bound).sin6_port);
   const unsigned v6 = bound.ss_family == AF_INET6 ? MHD_USE_IPv6 : 0;
-  // All programs of this machine have the same address.
+  // All programs on this machine have the same address, so there is no limit per address.
   const unsigned of_address = is_loopback(settings_.address) ? 0 : kMaxOfAddress;
   // Paths are decoded by decode_url_path(), which reports malformed ones.
   const auto keep = [](void*, MHD_Connection*, char* text) { return std::strlen(text); };

@@ -17,7 +17,7 @@ struct ServerSettings {
   std::string title;                  // of the page
 };
 
-// Returns whether only this machine reaches an address.
+// Returns whether an address is only reachable from this machine.
 bool is_loopback(const std::string& address);
 
 // Answers GET and HEAD in a thread of its own until it is destroyed. Everything that a client
@@ -33,7 +33,7 @@ class SceneServer {
   // Returns the link to the page.
   virtual std::string url() const = 0;
   virtual int port() const = 0;
-  // Ends connections of clients that send their request or receive the answer too slowly. Call at
+  // Closes connections of clients that send their request or receive the answer too slowly. Call at
   // least once per second.
   virtual void end_slow_clients() = 0;
 };

@@ -93,7 +93,7 @@ Status write_scene(const WriteBytes& write, const ByteSource& scene) {
 
 std::string site_page(const PageSettings& settings) {
   std::string page(kPageTemplate);
-  // Other pages would load it for nothing.
+  // Pages without a scene may not need the core.
   if (settings.scene.empty()) replace_mark(page, kPreload, "");
   replace_mark(page, kTitle, fmt::format("<title>{}</title>", escape_html(settings.title)));
   Json json = Json::object();

@@ -15,7 +15,7 @@ namespace stgs::tools {
 struct PageSettings {
   std::string title;  // of the page until the scene is open; UTF-8
   std::string scene;  // URL relative to the page, or absolute; "": the visitor chooses
-  // Origins of pages that may embed this one and control it, separated by blanks; "": none.
+  // Origins of pages that may embed this one and control it, separated by spaces; "": none.
   std::string bridge;
   std::string list;  // URL of a list of scenes (ServedScenes::list()); "": none
 };

@@ -42,10 +42,10 @@ class ByteSource {
   // Returns whether the file was written to since set_finished(); false if unknown. Never waits.
   // Thread-safe.
   virtual bool was_modified() const { return false; }
-  // Returns whether a read or refresh() of a source that cannot wait has failed because the bytes
-  // have not arrived yet: once this is false again, it can be repeated.
+  // Returns whether a read or refresh() of a source that cannot wait has failed because bytes have
+  // not arrived yet. Repeat the call once this returns false.
   virtual bool is_pending() const { return false; }
-  // Returns whether a read of these bytes would not be pending.
+  // Returns whether these bytes can be read without waiting.
   virtual bool has(std::uint64_t offset, std::uint64_t bytes) const {
     (void)offset, (void)bytes;
     return true;

@@ -8,10 +8,10 @@ namespace stgs {
 
 class SceneReader;
 
-// A segment and its part as the index lists them: all that decoding needs besides the head of the
-// file. Plain bytes, which another process of the same build can take.
+// A segment and its part as listed in the index: everything that decoding needs besides the head of
+// the file. Trivially copyable, also to another process of the same build.
 struct ListedSegment {
-  std::uint32_t number = 0;  // index in the reader that has listed it
+  std::uint32_t number = 0;  // index of the segment in the reader that listed it
   std::uint32_t slot = 0, primitives = 0;
   std::int16_t level = 0;
   std::uint16_t layer = 0;

@@ -61,9 +61,9 @@ void run_as_task(const Body& body);
 namespace detail {
 
 #ifdef STGS_LOOPS_ON_TBB
-// Starts all threads of TBB; later calls do nothing. A thread of TBB that cannot start the next one
-// ends the process, so they are started here, where a failure can be handled: TBB then uses those
-// that could be started. Called from any thread.
+// Starts all threads of TBB; later calls do nothing. TBB ends the process if one of its threads
+// cannot start the next one. Here, a failure can be handled: TBB then uses the threads that did
+// start. May be called from any thread.
 void start_workers();
 #endif
 

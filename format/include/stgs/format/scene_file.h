@@ -296,9 +296,10 @@ class SceneReader {
   // precision: at 2^k ticks, by up to 2^(k-24) ticks.
   Result<Gaussians4D> decode(std::uint32_t segment, bool with_sh,
                              TimeOrigin origin = TimeOrigin::kPart) const;
-  // Decodes as decode() does, but passes ranges that fit the CPU's cache to `visit`, with SH
-  // up to the greatest degree that was read, and returns nothing. If some of the primitives lack SH
-  // that others have, it passes none and returns all. After an error, the ranges are invalid.
+  // Decodes as decode() does, but passes ranges that fit the CPU's cache to `visit`, with SH up to
+  // the greatest degree that was read, and returns an empty set. If primitives have different SH
+  // degrees, it passes no ranges and returns all primitives. After an error, the ranges are
+  // invalid.
   Result<std::optional<Gaussians4D>> decode_ranges(std::uint32_t segment, bool with_sh,
                                                    TimeOrigin origin,
                                                    const RangeVisitor& visit) const;

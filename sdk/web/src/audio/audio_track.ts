@@ -20,39 +20,40 @@ export interface SoundElement {
 
 /** The playback that the sound follows. */
 export interface Timebase {
-  /** The time of the image, seconds, and whether it advances; null: there is no image yet. */
+  /** The time of the image, in seconds, and whether it advances; null if there is no image yet. */
   time(): { seconds: number; running: boolean } | null;
   /** Seconds per second; negative: backwards. */
   rate(): number;
 }
 
-/** Receives what happens to the sound. */
+/** Receives the events of the sound. */
 export interface TrackOwner {
   /** The sound can be played. */
   ready(): void;
-  /** The browser plays it only after a gesture of the user: it is muted now. */
+  /** The browser requires a user gesture before it plays sound; the sound is now muted. */
   blocked(): void;
   /** It cannot be played. */
   failed(message: string): void;
 }
 
 const INTERVAL = 200; // milliseconds between two checks
-const TOLERANCE = 0.02; // seconds that are not corrected
-const MAX_DRIFT = 0.25; // seconds that are corrected by the rate; more is corrected by a seek
+const TOLERANCE = 0.02; // seconds; a smaller drift is not corrected
+const MAX_DRIFT = 0.25; // seconds; a larger drift is corrected by a seek instead of the rate
 const MAX_CORRECTION = 0.06; // of the rate
-const CORRECTION_TIME = 2; // seconds in which a drift would be corrected
+const CORRECTION_TIME = 2; // seconds to correct a drift, unless MAX_CORRECTION limits the rate
 const MAX_LEAD = 1; // seconds
-const MIN_RATE = 0.25, MAX_RATE = 4; // at which browsers play sound
+const MIN_RATE = 0.25, MAX_RATE = 4; // range in which browsers play sound
 const HAVE_METADATA = 1, HAVE_FUTURE_DATA = 3;
 
 /**
  * Plays a sound that begins at `begin`, seconds of the scene, while the scene advances. A drift of
- * more than 0.02 s is corrected by up to 6 % of the rate, one of more than 0.25 s by a seek. It is
- * silent backwards, at rates that browsers do not play, and where the scene has no sound.
+ * more than 0.02 s is corrected by changing the rate by up to 6 %, a drift of more than 0.25 s by a
+ * seek. There is no sound in backward playback, at rates that browsers do not play, and outside the
+ * duration of the sound.
  */
 export class AudioTrack {
   private timer: number | null = null;
-  private lead = 0; // seconds that a seek takes
+  private lead = 0; // seconds; the duration of a seek
   private hasSought = false; // since the last check
   private isOver = false;
 
@@ -67,7 +68,7 @@ export class AudioTrack {
     });
     for (const name of ["canplay", "seeked"]) element.addEventListener(name, () => this.update());
     element.addEventListener("error", () => {
-      if (!this.isOver) this.fail(element.error?.message || "it is not of a kind that this browser plays");
+      if (!this.isOver) this.fail(element.error?.message || "this browser does not support its format");
     });
   }
 
@@ -76,7 +77,7 @@ export class AudioTrack {
     this.element.muted = muted;
   }
 
-  /** Adopts the time of the scene: call it when playback starts, stops, seeks or changes its rate. */
+  /** Synchronises with the scene. Call it when playback starts, stops, seeks or changes its rate. */
   update(): void {
     if (this.timer !== null) this.host.clearTimer(this.timer);
     this.timer = null;
@@ -88,12 +89,12 @@ export class AudioTrack {
     if (rate < MIN_RATE || rate > MAX_RATE || target < 0 || target >= this.element.duration - TOLERANCE) this.stop();
     else if (this.element.paused) this.start(target, rate);
     else this.correct(target, rate);
-    // It begins in time if the scene reaches it before the next check.
+    // The scene may reach the beginning of the sound before the next check.
     const wait = target < 0 && rate > 0 ? (-1000 * target) / rate : Infinity;
     this.timer = this.host.setTimer(() => this.update(), Math.min(INTERVAL, wait));
   }
 
-  /** Ends it. Nothing is reported any more. */
+  /** Stops the sound. The owner is not called afterwards. */
   destroy(): void {
     this.isOver = true;
     if (this.timer !== null) this.host.clearTimer(this.timer);
@@ -114,7 +115,7 @@ export class AudioTrack {
   private play(): void {
     this.element.play().catch((error: unknown) => {
       const { name, message } = error as Error;
-      if (this.isOver || name === "AbortError") return; // it was paused meanwhile
+      if (this.isOver || name === "AbortError") return; // paused in the meantime
       if (name !== "NotAllowedError") return this.fail(message);
       if (this.element.muted) return; // the next update tries again
       this.element.muted = true;
@@ -125,7 +126,7 @@ export class AudioTrack {
 
   private correct(target: number, rate: number): void {
     const { element } = this;
-    if (element.seeking || element.readyState < HAVE_FUTURE_DATA) return; // it is behind once it continues
+    if (element.seeking || element.readyState < HAVE_FUTURE_DATA) return; // checked once it continues
     const drift = element.currentTime - target;
     if (this.hasSought) this.lead = Math.min(Math.max(this.lead - drift, 0), MAX_LEAD);
     this.hasSought = false;

@@ -8,11 +8,11 @@ const TIMEOUT = 10_000; // milliseconds
 const MAX_PENDING = 32; // requests
 
 export interface ConnectOptions {
-  /** Of the embedded page; default: that of the `src` of the frame. */
+  /** The origin of the embedded page; default: that of the `src` of the frame. */
   origin?: string;
   /** Milliseconds until connecting fails; default 10,000. */
   timeout?: number;
-  /** Ends connecting, and later the connection. */
+  /** Aborts connecting, or closes the connection later. */
   signal?: AbortSignal;
 }
 
@@ -22,9 +22,9 @@ interface Waiter {
 }
 
 /**
- * A player in a frame. Its events are those of the player, as `CustomEvent`s whose `detail` is that of the
- * player's event; `connect` follows each load of the embedded page. Methods resolve when the player has
- * answered, and reject with its error, or with an `AbortError` when the page is loaded again or ends the
+ * A player in a frame. It dispatches the events of the player as `CustomEvent`s with the same `detail`, and
+ * `connect` after each load of the embedded page. Promises resolve when the player has answered. They reject
+ * with the error of the player, or with an `AbortError` if the embedded page is reloaded or closes the
  * connection, or `close` is called.
  */
 export class RemotePlayer extends EventTarget {
@@ -37,7 +37,7 @@ export class RemotePlayer extends EventTarget {
     super();
   }
 
-  /** The state with the last event; null before the first one. Its values are those of the embedded page. */
+  /** The state at the last event; null before the first one. The embedded page provides it: do not trust its values. */
   get state(): RemoteState | null {
     return this.latest;
   }
@@ -49,7 +49,7 @@ export class RemotePlayer extends EventTarget {
   pause(): Promise<void> {
     return this.call("pause");
   }
-  /** Begins a seek, seconds; `seeked` follows. */
+  /** Seeks to a time in seconds; the event `seeked` follows. */
   seek(seconds: number): Promise<void> {
     return this.call("seek", seconds);
   }
@@ -71,7 +71,7 @@ export class RemotePlayer extends EventTarget {
     return this.call("resetCamera");
   }
 
-  /** Ends the connection. */
+  /** Closes the connection. */
   close(): void {
     this.adopt(null);
     this.onClose();
@@ -92,7 +92,7 @@ export class RemotePlayer extends EventTarget {
   private call<T>(method: keyof Methods, ...args: unknown[]): Promise<T> {
     return new Promise<T>((resolve, reject) => {
       if (this.port === null) throw new DOMException("there is no connection to the player", "InvalidStateError");
-      if (this.waiting.size >= MAX_PENDING) throw new DOMException("too many requests wait for an answer", "QuotaExceededError");
+      if (this.waiting.size >= MAX_PENDING) throw new DOMException("too many requests are pending", "QuotaExceededError");
       const id = this.nextId++;
       this.waiting.set(id, { resolve: resolve as (value: unknown) => void, reject });
       this.port.postMessage({ id, method, args });
@@ -121,7 +121,7 @@ export class RemotePlayer extends EventTarget {
 /**
  * Connects to the player of an embedded page, which has exposed it to the origin of this page. Resolves
  * once the player has answered. Rejects with a `TimeoutError`, with the reason of the signal, or with a TypeError
- * if there is no origin.
+ * if the frame has no origin.
  */
 export function connect(
   frame: HTMLIFrameElement, { origin = new URL(frame.src, document.baseURI).origin, timeout = TIMEOUT, signal }: ConnectOptions = {},
@@ -129,7 +129,7 @@ export function connect(
   return new Promise((resolve, reject) => {
     checkOrigin(origin);
     const player = new RemotePlayer(() => window.removeEventListener("message", onMessage));
-    let page: unknown = null; // that the player is connected to
+    let page: unknown = null; // the load of the page that the player is connected to
     const send = (stgs: WindowMessage["stgs"], to: string, ports: MessagePort[] = []): void => {
       const message: WindowMessage = { stgs, version: VERSION };
       frame.contentWindow?.postMessage(message, to, ports);
@@ -149,7 +149,7 @@ export function connect(
       reject(error);
     };
     const timer = setTimeout(() => {
-      const message = `no player of ${origin} answers: it must be exposed to ${location.origin} (bridge)`;
+      const message = `no player on ${origin} answers; its page must permit ${location.origin} (attribute bridge)`;
       end(new DOMException(message, "TimeoutError"));
     }, timeout);
     player.addEventListener("connect", () => {

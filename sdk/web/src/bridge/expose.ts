@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The page with the player: obeys the page that embeds it.
+// The page with the player: executes requests of the page that embeds it.
 import type { CameraView } from "../element/cameras/rig";
 import { QUALITIES } from "../player/adaptation";
 import type { Quality } from "../player/adaptation";
@@ -8,7 +8,7 @@ import { EVENT_NAMES } from "../player/event_queue";
 import type { LiveState } from "../types";
 import { checkOrigin, isRecord, RemoteEnd, RemoteEvent, RemoteState, Reply, Request, VERSION, windowMessage, WindowMessage } from "./protocol";
 
-/** The part of a player or an element that is exposed. Elements have a camera. */
+/** The exposed part of a player or an element. Only elements have a camera. */
 export interface Exposable extends EventTarget {
   currentTime: number;
   playbackRate: number;
@@ -79,7 +79,7 @@ function setting(player: Exposable, name: unknown, value: unknown): void {
       player.quality = value as Quality;
       return;
   }
-  throw new TypeError("there is no such property, or it cannot be set");
+  throw new TypeError("unknown property, or it cannot be set");
 }
 
 function camera(player: Exposable): CameraView {
@@ -141,7 +141,7 @@ class Connection {
 
   private async answer({ id, method, args }: Request): Promise<void> {
     try {
-      if (this.pending >= MAX_PENDING) throw new DOMException("too many requests wait for an answer", "QuotaExceededError");
+      if (this.pending >= MAX_PENDING) throw new DOMException("too many requests are pending", "QuotaExceededError");
       ++this.pending;
       try {
         this.post({ type: "reply", id, value: await HANDLERS.get(method)!(this.player, args) });
@@ -160,19 +160,19 @@ class Connection {
 }
 
 /**
- * Lets the page that embeds this one control a player: pages of these origins, such as
- * "https://page.example", and of no others. Returns a function that ends it. Throws a TypeError if a text is
- * no origin, and an InvalidStateError if the page has exposed another player.
+ * Lets the page that embeds this one control a player, if its origin is in the list, such as
+ * "https://page.example". Returns a function that ends this. Throws a TypeError if an entry is not an
+ * origin, and an InvalidStateError if the page already exposes another player.
  */
 export function expose(player: Exposable, origins: readonly string[]): () => void {
   const permitted = origins.map(checkOrigin);
-  if (isExposed) throw new DOMException("this page has exposed another player", "InvalidStateError");
+  if (isExposed) throw new DOMException("this page already exposes another player", "InvalidStateError");
   isExposed = true;
   const { parent } = window;
   const ready: WindowMessage = { stgs: "ready", version: VERSION, page: String(Math.random()) };
   let connection: Connection | null = null;
   const onMessage = (event: MessageEvent): void => {
-    // Messages of others are not even looked at.
+    // Messages from other origins are ignored.
     if (event.source !== parent || !permitted.includes(event.origin)) return;
     const kind = windowMessage(event.data);
     if (kind === "ping") parent.postMessage(ready, event.origin);
@@ -183,7 +183,7 @@ export function expose(player: Exposable, origins: readonly string[]): () => voi
   };
   if (parent !== window) {
     window.addEventListener("message", onMessage);
-    parent.postMessage(ready, "*"); // has no content
+    parent.postMessage(ready, "*"); // contains nothing private
   }
   return () => {
     isExposed = false;

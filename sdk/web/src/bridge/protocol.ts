@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // The messages of a bridge. Its two sides are the page with the player, and the page that embeds it.
 //
-// 1. The embedding page sends a Ping, which has no content, to any origin.
+// 1. The embedding page sends a Ping to any origin. It contains nothing private.
 // 2. The page with the player sends Ready: when it is exposed, and as the answer to a Ping of a
 //    permitted origin.
-// 3. The embedding page answers with Connect and a MessagePort, to the origin that it expects. All else
-//    goes through the port: Requests and their Replies, Events, the first of which is "connect", and End
-//    when the player is no longer exposed.
+// 3. The embedding page answers with Connect and a MessagePort, to the origin that it expects. All other
+//    messages go through the port: Requests and their Replies; Events, of which "connect" is the first; and
+//    End when the player is no longer exposed.
 import type { CameraView } from "../element/cameras/rig";
 import type { Quality } from "../player/adaptation";
 import type { LiveState } from "../types";
@@ -17,11 +17,11 @@ export const VERSION = 1;
 export interface WindowMessage {
   stgs: "ping" | "ready" | "connect";
   version: number;
-  /** Of Ready: another one for each load of the page, so that it is connected to once. */
+  /** In Ready: differs for each load of the page, so that each is connected to once. */
   page?: string;
 }
 
-/** The state of the player, a part of each event. Times are seconds; `duration`: null if not known. */
+/** The state of the player, sent with each event. Times are in seconds; `duration` is null while unknown. */
 export interface RemoteState {
   currentTime: number;
   duration: number | null;
@@ -37,7 +37,7 @@ export interface RemoteState {
   quality: Quality;
   /** See `StgsPlayer.live`. */
   live: LiveState | null;
-  /** The message of the error that ended playback; null: there is none. */
+  /** The message of the error that ended playback; null if there was no error. */
   error: string | null;
 }
 
@@ -71,14 +71,14 @@ export interface Reply {
 
 export interface RemoteEvent {
   type: "event";
-  /** Of the player, or "connect". */
+  /** An event of the player, or "connect". */
   name: string;
-  /** Of `notice` and `qualitychange`. */
+  /** The detail of `notice` and `qualitychange`. */
   detail?: unknown;
   state: RemoteState;
 }
 
-/** The last message: the page with the player has ended the connection. */
+/** The last message: the page with the player has closed the connection. */
 export interface RemoteEnd {
   type: "end";
 }
@@ -88,7 +88,7 @@ export function isRecord(value: unknown): value is Record<string, unknown> {
   return typeof value === "object" && value !== null && !Array.isArray(value);
 }
 
-/** Returns the kind of a message between windows; null: it is another message. */
+/** Returns the kind of a message between windows; null if it is not part of this protocol. */
 export function windowMessage(data: unknown): WindowMessage["stgs"] | null {
   if (!isRecord(data) || data["version"] !== VERSION) return null;
   const kind = data["stgs"];
@@ -104,6 +104,6 @@ export function checkOrigin(origin: string): string {
     // below
   }
   if (parsed !== origin || origin === "null")
-    throw new TypeError(`"${origin}" is no origin (expected one such as https://page.example)`);
+    throw new TypeError(`"${origin}" is not an origin (expected one such as https://page.example)`);
   return origin;
 }

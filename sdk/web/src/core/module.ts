@@ -27,7 +27,7 @@ export interface DecodeJob {
   records: FilePiece[];
 }
 
-/** The end of a decoding: the time from which its times count, ticks, and the failures. */
+/** The result of decoding a segment: the origin of its times, in ticks, and the failures. */
 export interface DecodeStatus {
   origin: number;
   base: CoreStatus;
@@ -96,7 +96,7 @@ export class Core {
   }
 
   /**
-   * Begins a file. Sizes are bytes; `follows`: whether it may grow; `maxPrimitives`: as
+   * Starts to open a file. Sizes are in bytes; `follows`: whether it may grow; `maxPrimitives`: as
    * limitPrimitives(); `prefetch`: seconds to fetch ahead; `decodes`: segments that the host decodes at
    * a time.
    */
@@ -134,7 +134,7 @@ export class Core {
   setLoop(loop: boolean): void {
     this.instance.exports.stgs_set_loop(loop ? 1 : 0);
   }
-  /** Shows as many tiers as have at most this many primitives at any time; at least one. */
+  /** Limits the tiers to those that have at most this many primitives in total at any time; at least one is shown. */
   limitPrimitives(maxPrimitives: number): void {
     this.instance.exports.stgs_limit_primitives(counted(maxPrimitives));
   }
@@ -221,7 +221,7 @@ export interface CoreState {
   buffered: [number, number][];
   layers: number;
   layerCount: number;
-  tierPrimitives: number[]; // as far as is known now
+  tierPrimitives: number[]; // as far as known now
   bytes: number;
   memory: number;
   bytesPerSecond: number;

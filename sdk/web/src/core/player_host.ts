@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Runs the core in a worker: reads for it, steps it, and reports to the page.
-import type { CoreMessage, FileBegin, PageMessage, ReadFailure, SceneInfo } from "../types";
+import type { CoreMessage, FileStart, PageMessage, ReadFailure, SceneInfo } from "../types";
 import { DecoderPool } from "./decoder_pool";
 import type { DecoderPoolOwner, DecoderThread } from "./decoder_pool";
 import { LoadMarks } from "../marks";
@@ -42,7 +42,7 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
   private lastSeek = 0;
   private reportedAt = 0;
   private readonly marks = new LoadMarks();
-  private expected: { source: string; begin: Promise<FileBegin | ReadFailure | null> } | null = null;
+  private expected: { source: string; start: Promise<FileStart | ReadFailure | null> } | null = null;
 
   /** `startDecoder` starts a worker of decoderWorker(). */
   constructor(private readonly module: Promise<WebAssembly.Module>, private readonly startDecoder: () => DecoderThread,
@@ -87,9 +87,9 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
     this.schedule(0);
   }
 
-  /** The page reads the begin of the source that is opened next. `begin`: null if another attempt may succeed. */
-  expect(source: string, begin: Promise<FileBegin | ReadFailure | null>): void {
-    this.expected = { source, begin };
+  /** Announces the source that is opened next, whose start the page reads. `start`: null if another attempt may succeed. */
+  expect(source: string, start: Promise<FileStart | ReadFailure | null>): void {
+    this.expected = { source, start };
   }
 
   /** CoreHost. */
@@ -167,10 +167,10 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
   private async openFile(message: OpenMessage, signal: AbortSignal): Promise<CoreInfo> {
     const { memoryBudget, maxPrimitives, lookAhead } = checked(message.options);
     const pool = (this.pool = new DecoderPool(decoders(), this.startDecoder, this));
-    const known = await this.takeBegin(message.source);
+    const known = await this.takeStart(message.source);
     if (signal.aborted) throw closed();
     const reader = (this.reader = rangeReader(message.source, known));
-    const opening = known ?? withRetry(() => reader.begin(OPEN_BYTES, signal), signal);
+    const opening = known ?? withRetry(() => reader.readStart(OPEN_BYTES, signal), signal);
     const compiled = this.module.then((module) => (this.marks.mark("compiled"), module));
     const [module, { size, head }] = await Promise.all([compiled, opening]);
     const core = await Core.create(module, this);
@@ -202,13 +202,13 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
     }
   }
 
-  /** Returns the begin of a source, once, if the page has read it. */
-  private async takeBegin(source: string | Blob): Promise<FileBegin | null> {
+  /** Returns the start of a source if the page has read it; null if not, or if it was taken before. */
+  private async takeStart(source: string | Blob): Promise<FileStart | null> {
     const { expected } = this;
     this.expected = null;
-    const begin = expected !== null && expected.source === source ? await expected.begin : null;
-    if (begin !== null && "problem" in begin) throw new ReadError(begin.problem, false, begin.code);
-    return begin;
+    const start = expected !== null && expected.source === source ? await expected.start : null;
+    if (start !== null && "problem" in start) throw new ReadError(start.problem, false, start.code);
+    return start;
   }
 
   private schedule(milliseconds: number): void {
@@ -265,7 +265,7 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
     return Infinity;
   }
 
-  /** The state of the core, from which the reader learns what may change. */
+  /** Returns the state of the core, and passes the size of its stable bytes to the reader. */
   private state(): CoreState {
     const state = this.core!.state();
     this.reader!.setStable(state.live?.stable ?? Infinity);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Reads ranges of a file from a server, or of a Blob.
-import type { FileBegin } from "../types";
+import type { FileStart } from "../types";
 
 /** A read that failed. `retry`: another attempt may succeed. */
 export class ReadError extends Error {
@@ -13,17 +13,17 @@ export class ReadError extends Error {
 export interface RangeReader {
   /** The name of the file in messages. */
   readonly name: string;
-  /** URL of the file, after redirects once it was read; "": it has none. */
+  /** URL of the file, after redirects once it was read; "" for a Blob. */
   readonly url: string;
   /** Reads the first bytes: `bytes`, or as many as there are. */
-  begin(bytes: number, signal: AbortSignal): Promise<FileBegin>;
+  readStart(bytes: number, signal: AbortSignal): Promise<FileStart>;
   /** Reads exactly `to.length` bytes from `offset` on. Returns the size of the file. */
   read(offset: number, to: Uint8Array, signal: AbortSignal): Promise<number>;
   /** Whether the file may grow. */
   readonly mayGrow: boolean;
   /**
-   * The first `bytes` of the file stay as they are, while others are added; Infinity: the file is
-   * complete, and any change is an error. Throws if it has changed already.
+   * States that the first `bytes` of the file do not change, while more are appended; Infinity: the file is
+   * complete, and any change is an error. Throws if it has already changed.
    */
   setStable(bytes: number): void;
 }
@@ -36,8 +36,8 @@ const READ_SECONDS = 60, READ_BYTES_PER_SECOND = 1000;
 /** Bytes read first, which suffice to open most files. */
 export const OPEN_BYTES = 1 << 16;
 
-/** Returns the reader of a URL or Blob. `known`: its begin, if that has been read before. */
-export function rangeReader(source: string | Blob, known: FileBegin | null = null): RangeReader {
+/** Returns the reader of a URL or Blob. `known`: its start, if it has already been read. */
+export function rangeReader(source: string | Blob, known: FileStart | null = null): RangeReader {
   return typeof source === "string" ? new UrlReader(source, known) : new BlobReader(source);
 }
 
@@ -48,7 +48,7 @@ class BlobReader implements RangeReader {
   constructor(private readonly blob: Blob) {
     this.name = blob instanceof File ? blob.name : "scene";
   }
-  async begin(bytes: number, signal: AbortSignal): Promise<FileBegin> {
+  async readStart(bytes: number, signal: AbortSignal): Promise<FileStart> {
     const { size } = this.blob;
     const head = new Uint8Array(Math.min(bytes, size));
     await this.read(0, head, signal);
@@ -74,22 +74,22 @@ function aborted(): ReadError {
 class UrlReader implements RangeReader {
   readonly name: string;
   readonly mayGrow = true;
-  /** Validator of the last response; null: the next one is the first. */
+  /** Validator of the last response; null before the first response. */
   private version: string | null;
   private known: number | null; // size of the file
   private stable: number | null = null; // as setStable(); null: while the file is opened
   private hasChanged = false; // since it was opened
   url: string;
 
-  /** `known`: the begin of the file, if it has been read before. */
-  constructor(private readonly address: string, known: FileBegin | null) {
+  /** `known`: the start of the file, if it has already been read. */
+  constructor(private readonly address: string, known: FileStart | null) {
     this.version = known?.version ?? null;
     this.known = known?.size ?? null;
     this.url = known?.url ?? address;
     this.name = address.split(/[?#]/)[0].split("/").pop() || "scene";
   }
 
-  begin(bytes: number, signal: AbortSignal): Promise<FileBegin> {
+  readStart(bytes: number, signal: AbortSignal): Promise<FileStart> {
     return this.request(0, bytes, signal, async (response, watch, stable) => {
       const { size, length } = this.check(response, 0, bytes, true, stable);
       const head = new Uint8Array(length);
@@ -108,7 +108,7 @@ class UrlReader implements RangeReader {
 
   setStable(bytes: number): void {
     if (bytes === Infinity && this.stable === null && this.hasChanged) throw this.replaced();
-    // A recording that was closed has another version.
+    // Closing a recording changes its version.
     if (bytes === Infinity && this.stable !== null && this.stable !== Infinity) this.version = null;
     this.stable = bytes;
   }
@@ -118,7 +118,7 @@ class UrlReader implements RangeReader {
                            receive: (response: Response, watch: Watch, stable: number | null) => Promise<T>): Promise<T> {
     const watch = new Watch(signal, READ_SECONDS + length / READ_BYTES_PER_SECOND);
     const { stable } = this;
-    // A cache may answer with the size that a growing file had.
+    // A cache may return the earlier size of a growing file.
     const cache = stable === null || stable === Infinity ? "default" : "no-store";
     try {
       const headers = { Range: `bytes=${offset}-${offset + length - 1}` };
@@ -139,16 +139,16 @@ class UrlReader implements RangeReader {
 
   /**
    * Checks the headers of a response to a request of `length` bytes. Returns the size of the file, and
-   * the length of the response, which may be less only if `isBegin` and the file is shorter.
+   * the length of the response, which may be less only if `isStart` and the file is shorter.
    * `stable`: as setStable(), at the request.
    */
-  private check(response: Response, offset: number, length: number, isBegin: boolean, stable: number | null): { size: number; length: number } {
+  private check(response: Response, offset: number, length: number, isStart: boolean, stable: number | null): { size: number; length: number } {
     const last = offset + length - 1;
     const fail = (why: string, retry: boolean, code: "network" | "unsupported" = "network") =>
       new ReadError(`${this.name}: ${why}`, retry, code);
     if (response.status === 404 || response.status === 410) throw fail(`the server has no such file (status ${response.status}); check the address`, false);
     if (response.status === 200) throw fail("the server does not support range requests; use one that does, such as nginx", false, "unsupported");
-    const grows = stable !== null && stable !== Infinity; // the bytes beyond may be cut when its recorder continues
+    const grows = stable !== null && stable !== Infinity; // a recorder that resumes may cut the bytes beyond
     if (response.status === 416) throw fail("the file is empty or shorter than before; load it again", grows && offset >= stable);
     if (response.status === 401 || response.status === 403)
       throw fail(`the server refuses access (status ${response.status}); log in, or check the permissions of the file`, false);
@@ -159,14 +159,14 @@ class UrlReader implements RangeReader {
     if (range === null) throw fail("the server hides Content-Range from this page; it must send Access-Control-Expose-Headers: Content-Range, ETag", false, "unsupported");
     const [begin, end, size] = range.slice(1).map(Number);
     if (!Number.isSafeInteger(size)) throw fail(`the server states a size of ${range[3]} bytes; check the server`, false, "unsupported");
-    if (begin !== offset || end > last || (isBegin && end !== Math.min(last, size - 1))) throw fail("the server sent another range than requested", true);
-    if (end !== last && !isBegin) throw fail("the file is shorter than before; load it again", grows && size >= stable);
+    if (begin !== offset || end > last || (isStart && end !== Math.min(last, size - 1))) throw fail("the server sent another range than requested", true);
+    if (end !== last && !isStart) throw fail("the file is shorter than before; load it again", grows && size >= stable);
     const version = response.headers.get("ETag") ?? response.headers.get("Last-Modified") ?? "";
     this.checkVersion(version, size, stable);
     return { size, length: end - begin + 1 };
   }
 
-  /** Checks that a response is of the file that was opened. `stable`: when it was requested. */
+  /** Checks that a response belongs to the file that was opened. `stable`: at the request. */
   private checkVersion(version: string, total: number, stable: number | null): void {
     if (this.version !== null) {
       const isSame = version === this.version && total === this.known;

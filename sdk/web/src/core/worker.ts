@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The worker of a player, and the workers in which it decodes: an entry point of its own, bundled to
 // stgs-worker.js.
-import type { CoreMessage, FileBegin, PageMessage, ReadFailure, StartMessage } from "../types";
+import type { CoreMessage, FileStart, PageMessage, ReadFailure, StartMessage } from "../types";
 import type { DecoderThread } from "./decoder_pool";
 import { decoderWorker } from "./part_decoder";
 import type { DecoderReply, DecoderRequest } from "./part_decoder";
@@ -26,16 +26,16 @@ function runDecoder(scope: Scope<DecoderRequest, DecoderReply>): void {
 function runPlayer(scope: Scope<PageMessage | StartMessage, CoreMessage>): void {
   const startDecoder = (): DecoderThread => new Worker(scope.location.href, { type: "module", name: DECODER });
   let provideModule: (message: Extract<StartMessage, { type: "core" }>) => void;
-  let provideBegin: (begin: FileBegin | ReadFailure | null) => void = () => undefined;
+  let provideStart: (start: FileStart | ReadFailure | null) => void = () => undefined;
   const module = new Promise<WebAssembly.Module>((resolve, reject) => {
     provideModule = (message) => ("module" in message ? resolve(message.module) : reject(new Error(message.problem)));
   });
-  module.catch(() => undefined); // the host reports it for a source
+  module.catch(() => undefined); // the host reports it when a source is opened
   const host = new PlayerHost(module, startDecoder, (message, transfer) => scope.postMessage(message, transfer));
   scope.onmessage = ({ data }) => {
     if (data.type === "core") provideModule(data);
-    else if (data.type === "begin") host.expect(data.source, new Promise((resolve) => (provideBegin = resolve)));
-    else if (data.type === "head") provideBegin(data.begin);
+    else if (data.type === "expect") host.expect(data.source, new Promise((resolve) => (provideStart = resolve)));
+    else if (data.type === "start") provideStart(data.start);
     else host.handle(data);
   };
 }

@@ -7,7 +7,7 @@ import type { Exposable } from "../stgs-bridge";
 export class BridgeAttribute {
   private current = new AbortController();
 
-  /** `origins`: the attribute, with blanks between its values; null: there is none. */
+  /** `origins`: the value of the attribute, separated by spaces; null if it is not set. */
   update(element: Exposable, origins: string | null): void {
     this.current.abort();
     const { signal } = (this.current = new AbortController());

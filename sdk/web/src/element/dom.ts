@@ -32,11 +32,11 @@ export function setIcon(button: HTMLElement, name: IconName): void {
   button.replaceChildren(icon(name));
 }
 
-/** Observes the size of an element and, where the browser can, its pixel ratio, as of a zoomed page. */
+/** Observes the size of an element and, where supported, its pixel ratio, which changes when the page is zoomed. */
 export function observePixels(observer: ResizeObserver, element: Element): void {
   try {
     observer.observe(element, { box: "device-pixel-content-box" });
   } catch {
-    observer.observe(element); // the browser does not know this box
+    observer.observe(element); // the browser does not support this box
   }
 }

@@ -5,10 +5,10 @@ import type { Renderer } from "../types";
 
 /** Creates the parts of a player. */
 export interface StgsPlayerFactory {
-  /** Called once per source, which is opened next. The player terminates the worker. */
+  /** Called for each source before it is opened. The player terminates the worker. */
   createWorker(source: string | Blob): WorkerLike;
   /**
-   * `choice`: of the attribute `renderer`. Throws if the browser cannot render; the message is
+   * `choice`: the value of the attribute `renderer`. Throws if the browser cannot render; the message is
    * displayed. The player destroys the renderer.
    */
   createRenderer(canvas: HTMLCanvasElement, choice: RendererChoice): Renderer;

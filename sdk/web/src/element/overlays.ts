@@ -59,7 +59,7 @@ function gpuTimes({ computeMs, rasterMs }: PlayerStats): [string, string][] {
   return [["Compute", `${computeMs.toFixed(1)} ms`], ["Rasterising", `${rasterMs.toFixed(1)} ms`]];
 }
 
-/** The rows of the quality. */
+/** The rows about the quality. */
 function qualityRows({ quality, memoryBytes }: PlayerStats): [string, string][] {
   if (quality === null) return [];
   const { tiers, tierCount, resolutionScale, memoryBudget } = quality;
@@ -68,7 +68,7 @@ function qualityRows({ quality, memoryBytes }: PlayerStats): [string, string][] 
     ["Quality", `${quality.quality}, ${quality.device}`],
     ["Tiers", `${tiers} of ${tierCount}`],
     ["Scale", `${Math.round(100 * resolutionScale)} %`],
-    ["Because", quality.reason],
+    ["Reason", quality.reason],
   ];
 }
 

@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// The attributes of <stgs-player> that are only reflected as properties.
+// The attributes of <stgs-player> whose properties only reflect them.
 import { DEVICES, QUALITIES } from "../player/adaptation";
 import type { Quality } from "../player/adaptation";
 import type { DeviceClass } from "../player/device";
 import type { RendererChoice } from "../renderer_choice";
 
-// Lets the module be imported where there is no DOM, such as on a server.
+// The module can be imported without a DOM, such as on a server.
 const Base = typeof HTMLElement === "undefined" ? (class {} as typeof HTMLElement) : HTMLElement;
 
-/** An element with the attributes. Those with a default have it also for unknown values. */
+/** An element with these attributes. Unknown values have the effect of the default. */
 export abstract class ReflectedElement extends Base {
   get poster(): string {
     return this.getAttribute("poster") ?? "";
@@ -16,28 +16,28 @@ export abstract class ReflectedElement extends Base {
   set poster(url: string) {
     this.setAttribute("poster", url);
   }
-  /** Other values than "fly" orbit. */
+  /** Default "orbit". */
   get camera(): "orbit" | "fly" {
     return this.oneOf("camera", ["fly"]) ?? "orbit";
   }
   set camera(camera: "orbit" | "fly") {
     this.setAttribute("camera", camera);
   }
-  /** Which renderer the player is created with; other values than "webgpu" and "webgl2" are "auto". */
+  /** The renderer with which the player is created; default "auto". */
   get renderer(): RendererChoice {
     return this.oneOf("renderer", ["webgpu", "webgl2"]) ?? "auto";
   }
   set renderer(renderer: RendererChoice) {
     this.setAttribute("renderer", renderer);
   }
-  /** How much is fetched and drawn; default "auto". */
+  /** The amount of data fetched and drawn; default "auto". */
   get quality(): Quality {
     return this.oneOf("quality", QUALITIES) ?? "auto";
   }
   set quality(quality: Quality) {
     this.setAttribute("quality", quality);
   }
-  /** The kind of device whose budgets apply; null: it is found by what the browser states. */
+  /** The class of device whose budgets apply; null: it is detected. */
   get device(): DeviceClass | null {
     return this.oneOf("device", DEVICES);
   }

@@ -44,7 +44,7 @@ export abstract class StgsPlayerElement extends ReflectedElement implements Medi
   private canvas: HTMLCanvasElement | null = null;
   private input: CameraInput | null = null;
   private rig: CameraRig | null = null;
-  private keptRig: CameraRig | null = null; // of a source that is loaded again after the GPU was lost
+  private keptRig: CameraRig | null = null; // of a source that is reloaded because the GPU was lost
   private choice: RendererChoice | null = null; // instead of `renderer`, after WebGPU was lost
   private object: Blob | null = null;
   private wantedVolume = 1;
@@ -149,7 +149,7 @@ export abstract class StgsPlayerElement extends ReflectedElement implements Medi
     const player = this.use();
     if (player !== null) player.playbackRate = rate;
   }
-  /** See `StgsPlayer.muted`; the attribute is the value at first. */
+  /** See `StgsPlayer.muted`; the attribute sets the initial value. */
   get muted(): boolean {
     return this.player?.muted ?? this.wantsMuted ?? this.hasAttribute("muted");
   }
@@ -253,7 +253,7 @@ export abstract class StgsPlayerElement extends ReflectedElement implements Medi
     return this.player?.exitXR() ?? Promise.resolve();
   }
 
-  /** Where the camera is; null before `loadedmetadata`. Assigning it moves it, within its limits. */
+  /** The position of the camera; null before `loadedmetadata`. Assigning a view moves the camera, within its limits. */
   get cameraView(): CameraView | null {
     return this.rig?.view ?? null;
   }
@@ -300,7 +300,7 @@ export abstract class StgsPlayerElement extends ReflectedElement implements Medi
     else this.player?.unload();
   }
 
-  /** Returns the player; creates it if there is none, and loads the source unless `loads` is off. */
+  /** Returns the player; creates it if there is none, and then loads the source if `loads` is set. */
   private use(loads = true): StgsPlayer | null {
     if (this.player !== null) return this.player;
     this.failure = null;
@@ -327,7 +327,7 @@ export abstract class StgsPlayerElement extends ReflectedElement implements Medi
     return this.player;
   }
 
-  /** Follows the loss of the GPU. Returns whether another player continues, with WebGL2, after an error. */
+  /** Handles the loss of the GPU. Returns true if, after an error, a new player continues with WebGL2. */
   private recovers(event: Event): boolean {
     const { player, rig } = this;
     if (event instanceof CustomEvent && event.type === "notice" && event.detail.kind === "renderer") {

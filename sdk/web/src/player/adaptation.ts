@@ -1,55 +1,55 @@
 // SPDX-License-Identifier: Apache-2.0
-// How much of a scene is fetched and drawn on this device, and why.
+// Chooses the amount of a scene that is fetched and drawn on this device.
 import type { SceneInfo } from "../types";
 import { Device, DeviceClass, deviceOf, deviceSignals } from "./device";
 import { FrameGovernor } from "./frame_governor";
 
 /**
- * "auto": the budgets of the device; less resolution and fewer tiers while frames are late. The
- * others are fixed: "low" has half the resolution (each side) and half the primitives of the budget,
- * "medium" 3/4 of the resolution and the budget, "high" everything that the memory budget permits.
+ * "auto": the budgets of the device, with lower resolution and fewer tiers while frames are late. The
+ * other values are fixed: "low" is half the resolution (per side) and half the budget of primitives,
+ * "medium" 3/4 of the resolution and the full budget, "high" everything that fits the memory budget.
  */
 export type Quality = "auto" | "low" | "medium" | "high";
 
 export const QUALITIES: readonly Quality[] = ["auto", "low", "medium", "high"];
 export const DEVICES: readonly DeviceClass[] = ["phone", "headset", "desktop"];
 
-/** The choices of a player, and their reasons. */
+/** The current choices of a player, and their reasons. */
 export interface QualityReport {
   quality: Quality;
   device: DeviceClass;
-  /** Why the device counts as this kind. */
+  /** The reason for `device`, and the memory of the device. */
   deviceReason: string;
-  /** Bytes of fetched and decoded segments. */
+  /** Maximum bytes of fetched and decoded segments. */
   memoryBudget: number;
-  /** Primitives at one time, from which the number of tiers follows; Infinity: no limit. */
+  /** Maximum number of primitives at one time, which determines the number of tiers; Infinity: no limit. */
   maxPrimitives: number;
-  /** Tiers of the scene that are fetched and shown, and that it has; 0: no scene is open. */
+  /** Number of tiers that are fetched and shown, and of all tiers of the scene; 0 if no scene is open. */
   tiers: number;
   tierCount: number;
-  /** Of the width and height of moving images; still ones have all of them. */
+  /** Scale of width and height while the image changes; still images have the full resolution. */
   resolutionScale: number;
-  /** Why these were chosen. */
+  /** The reason for the tiers and the scale. */
   reason: string;
 }
 
-/** Settings of a page, which take the place of those of its device. */
+/** Settings of a page, which override those of the device. */
 export interface QualitySettings {
   /** Default: auto. */
   quality?: Quality;
-  /** Default: found by what the browser states. */
+  /** Default: detected. */
   device?: DeviceClass;
   /** Bytes for fetched and decoded data, 1 MiB to 2 GiB; default: that of the device. */
   memoryBudget?: number;
-  /** Primitives at one time; default: by the quality and the device. */
+  /** Maximum number of primitives at one time; default: set by the quality and the device. */
   maxPrimitives?: number;
 }
 
-/** Receives the choices. */
+/** Is called when choices change. */
 export interface AdaptationClient {
   /** Limits the primitives of the open scene. */
   limit(maxPrimitives: number): void;
-  /** Something was chosen. */
+  /** The report has changed. */
   changed(): void;
 }
 
@@ -58,12 +58,12 @@ interface Step {
   tiers: number;
 }
 
-const FRAME_RATE = 30, XR_FRAME_RATE = 60; // per second, that suffice
+const FRAME_RATE = 30, XR_FRAME_RATE = 60; // target, frames per second
 const SCALES = [0.75, 0.5];
-/** Scale of the resolution, and share of the primitives of the device. */
+/** Scale of the resolution, and fraction of the device's budget of primitives. */
 const FIXED = { low: [0.5, 0.5], medium: [0.75, 1], high: [1, Infinity] } as const;
 
-/** Returns ever smaller loads: less resolution and fewer tiers by turns. */
+/** Returns steps of decreasing load: lower resolution and fewer tiers, alternately. */
 function loads(tiers: number, scales: readonly number[]): Step[] {
   const steps: Step[] = [{ scale: 1, tiers }];
   for (let i = 0, scale = 1, left = tiers; i < scales.length || left > 1; ++i) {
@@ -73,13 +73,13 @@ function loads(tiers: number, scales: readonly number[]): Step[] {
   return steps;
 }
 
-/** Throws a TypeError unless `value` is one of the names or undefined. */
+/** Throws a TypeError unless `value` is undefined or one of the names. */
 function check(name: string, value: string | undefined, names: readonly string[]): void {
   if (value !== undefined && !names.includes(value))
-    throw new TypeError(`there is no ${name} "${value}" (expected ${names.join(", ")})`);
+    throw new TypeError(`invalid ${name} "${value}" (expected one of ${names.join(", ")})`);
 }
 
-/** The choices for one player. */
+/** Makes the choices for one player. */
 export class Adaptation {
   private readonly device: Device;
   private governor = new FrameGovernor(FRAME_RATE);
@@ -89,10 +89,10 @@ export class Adaptation {
   private steps: Step[] = [{ scale: 1, tiers: 1 }];
   private level = 0;
   private isInXr = false;
-  private isFixed = false; // the resolution, by the layout of the page
+  private isFixed = false; // the layout of the page depends on the resolution
   private why = "";
 
-  /** Throws a TypeError if a setting has no such value. */
+  /** Throws a TypeError if a setting has an invalid value. */
   constructor(private readonly settings: QualitySettings, private readonly client: AdaptationClient) {
     check("quality", settings.quality, QUALITIES);
     check("device", settings.device, DEVICES);
@@ -114,7 +114,7 @@ export class Adaptation {
     return this.settings.memoryBudget ?? this.device.memoryBudget;
   }
 
-  /** Primitives at one time, before frames are late. */
+  /** Maximum number of primitives at one time while frames are not late. */
   get budget(): number {
     const share = this.setting === "auto" ? 1 : FIXED[this.setting][1];
     const own = this.settings.maxPrimitives ?? share * this.device.maxPrimitives;
@@ -126,19 +126,19 @@ export class Adaptation {
     return Math.min(this.peaks[this.step.tiers - 1] ?? Infinity, this.budget);
   }
 
-  /** Of the width and height of moving images. */
+  /** Scale of width and height while the image changes. */
   get scale(): number {
     if (this.isFixed) return 1;
     return this.setting === "auto" ? this.step.scale : FIXED[this.setting][0];
   }
 
-  /** A scene was opened. The core gets the limits, which may differ from those at the time of load(). */
+  /** Starts a scene. Sends the limits to the core, because they may have changed since load(). */
   open(info: SceneInfo): void {
     this.peaks = info.tierPrimitives;
     this.restart();
   }
 
-  /** Adopts the numbers of `SceneInfo.tierPrimitives`, as far as is known now: the load fits them. */
+  /** Adopts new values of `SceneInfo.tierPrimitives`, and adjusts the limits to them. */
   setPeaks(peaks: readonly number[]): void {
     const { length } = this.peaks;
     if (peaks.length === length && peaks.every((primitives, i) => primitives === this.peaks[i])) return;
@@ -153,27 +153,27 @@ export class Adaptation {
     this.pause();
   }
 
-  /** The renderer can hold at most this many primitives at one time. */
+  /** Sets the number of primitives that the renderer can hold at one time. */
   limitRenderer(maxPrimitives: number): void {
     if (maxPrimitives === this.rendererLimit) return;
     this.rendererLimit = maxPrimitives;
     this.restart();
   }
 
-  /** The resolution cannot be changed: the size of the canvas on the page depends on it. */
+  /** Keeps the resolution, because the size of the canvas on the page depends on it. */
   fixResolution(): void {
     this.isFixed = true;
     this.restart();
   }
 
-  /** A headset shows the scene, or no longer does: its session has chosen the resolution. */
+  /** Enters or leaves a headset, whose session sets the resolution. */
   setXr(isInXr: boolean): void {
     this.isInXr = isInXr;
     this.governor = new FrameGovernor(isInXr ? XR_FRAME_RATE : FRAME_RATE);
     this.restart();
   }
 
-  /** A frame was drawn at `now`, milliseconds; `completed`: frames that are finished so far. */
+  /** Counts a frame drawn at `now`, milliseconds. `completed`: number of frames finished so far. */
   frame(now: number, completed: number): void {
     const verdict = this.governor.frame(now, completed, this.level > 0);
     if (verdict === null || this.setting !== "auto") return;
@@ -185,12 +185,12 @@ export class Adaptation {
     const what = this.step.scale !== scale ? "resolution" : "tiers";
     const target = this.isInXr ? XR_FRAME_RATE : FRAME_RATE;
     this.why = verdict === "lower" ? `${rate} of ${target} fps: lowered the ${what}`
-                                   : `in time (${rate} fps): raised the ${what}`;
+                                   : `on time (${rate} fps): raised the ${what}`;
     if (this.step.tiers !== tiers) this.client.limit(this.maxPrimitives);
     this.client.changed();
   }
 
-  /** No frame is drawn now. */
+  /** Stops counting until the next frame. */
   pause(): void {
     this.governor.pause();
   }
@@ -209,12 +209,12 @@ export class Adaptation {
     return this.steps[this.level]!;
   }
 
-  /** Tiers with at most this many primitives, at least one, as the core chooses them. */
+  /** The number of tiers within a number of primitives, at least one, as the core chooses it. */
   private tiersWithin(maxPrimitives: number): number {
     return Math.max(1, this.peaks.filter((primitives) => primitives <= maxPrimitives).length);
   }
 
-  /** Chooses again, with the full load. */
+  /** Starts again with the full load. */
   private restart(): void {
     this.level = 0;
     this.steps = loads(this.tiersWithin(this.budget), this.isInXr || this.isFixed ? [] : SCALES);
@@ -228,7 +228,7 @@ export class Adaptation {
     const { settings, budget } = this;
     if (this.setting !== "auto") return `quality is ${this.setting}`;
     if (this.tiersWithin(budget) >= this.peaks.length) return "everything is within the budget";
-    if (budget === this.rendererLimit) return `the GPU takes ${budget} primitives`;
+    if (budget === this.rendererLimit) return `the GPU can hold ${budget} primitives`;
     return `${settings.maxPrimitives === undefined ? `the budget of a ${this.device.kind}` : "maxPrimitives"} is ${budget} primitives`;
   }
 }

@@ -55,7 +55,7 @@ const kDeviceLost = "DeviceLostError";
 /** The failure of a renderer whose GPU device was lost; another renderer may succeed. */
 export function deviceLost(message: string): Error {
   const error = new Error(message);
-  error.name = kDeviceLost; // renderers are in bundles of their own, so a class would not be the same
+  error.name = kDeviceLost; // a name, because renderers are separate bundles with their own copy of a class
   return error;
 }
 

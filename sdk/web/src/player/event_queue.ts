@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-/** Events of the player: those of media elements, and `notice`; of headsets, the quality, the sound and recordings. */
+/** Events of the player: those of media elements, `notice`, and those of headsets, quality, sound and recordings. */
 export const EVENT_NAMES = [
   "loadstart", "durationchange", "loadedmetadata", "loadeddata", "canplay", "play", "playing",
   "pause", "waiting", "seeking", "seeked", "timeupdate", "ratechange", "ended", "error", "progress",

@@ -1,36 +1,36 @@
 // SPDX-License-Identifier: Apache-2.0
-// Whether frames come in time. Times are milliseconds of a monotonic clock.
+// Judges whether frames are on time. Times are in milliseconds of a monotonic clock.
 
 const WINDOW = 1000; // over which frames are counted
-const MAX_GAP = 1000; // between two frames; a longer one may be a hidden page
+const MAX_GAP = 1000; // between two frames; the page may be hidden during a longer gap
 const LATE_WINDOWS = 2; // in a row, before the load is lowered
 const ON_TIME = 0.9; // of the target
-const HEADROOM = 1.6; // of the target: a larger load is likely to be in time, too
-const MIN_CALM = 5, MAX_CALM = 160; // windows in time, before the load is raised
-const WITHOUT_HEADROOM = 4; // times as many
+const HEADROOM = 1.6; // of the target: a larger load is then likely to be on time as well
+const MIN_CALM = 5, MAX_CALM = 160; // windows on time before the load is raised
+const WITHOUT_HEADROOM = 4; // factor of the above without headroom
 
 /** A change of the load. */
 export type Verdict = "lower" | "raise" | null;
 
 /**
- * Judges the rate of frames while they are drawn one after another. It asks to lower the load soon,
- * and to raise it late: each attempt that makes frames late doubles the wait before the next one.
+ * Judges the frame rate during continuous drawing. It lowers the load quickly and raises it slowly: each
+ * attempt to raise it that makes frames late doubles the wait before the next attempt.
  */
 export class FrameGovernor {
-  /** Of the last complete window; null: there is none. */
+  /** The rate in the last complete window; null before that. */
   framesPerSecond: number | null = null;
   private window: { begin: number; completed: number; last: number } | null = null;
   private gaps = 0; // long ones in a row
   private late = 0; // windows in a row
   private inTime = 0; // windows in a row
   private calm = MIN_CALM;
-  private isTrying = false; // the load was raised lately
+  private isTrying = false; // the load was raised recently
 
-  /** `target`: frames per second that suffice. */
+  /** `target`: frames per second. */
   constructor(private readonly target: number) {}
 
   /**
-   * A frame was drawn; `completed`: frames that are finished so far; `canRaise`: whether the load can be
+   * Counts a frame. `completed`: number of frames finished so far; `canRaise`: whether the load can be
    * raised.
    */
   frame(now: number, completed: number, canRaise: boolean): Verdict {
@@ -46,7 +46,7 @@ export class FrameGovernor {
     return this.countInTime(this.framesPerSecond, canRaise);
   }
 
-  /** No frame is drawn now: the time until the next one does not count. */
+  /** Ignores the time until the next frame, because drawing has paused. */
   pause(): void {
     this.window = null;
     this.gaps = 0;

@@ -33,11 +33,11 @@ export interface FrameClient {
   /** The time to render, ticks, and whether it advances; null: there is nothing to render. */
   frameTime(now: number): { ticks: number; running: boolean } | null;
   onRenderError(error: unknown): void;
-  /** A frame of an image that changes was drawn. */
+  /** A frame was drawn while the image changes. */
   onDrawn(now: number): void;
   /** Nothing is drawn until something changes. */
   onIdle(): void;
-  /** Images cannot be scaled, see `setScale`. */
+  /** The size of images cannot be changed, see `setScale`. */
   onFixedSize(): void;
 }
 
@@ -50,8 +50,8 @@ export class FrameLoop {
   private requested: Size | null = null; // by resize(), since the last frame
   private full: Size; // of still images
   private scale = 1;
-  private scaled: Size; // of images that change
-  private readonly recent: Size[] = []; // of images; a renderer that is late resizes the canvas late
+  private scaled: Size; // of images while they change
+  private readonly recent: Size[] = []; // of images; a renderer that is behind resizes the canvas later
   private layout: Size | null = null; // on the page, before the canvas takes the size `scaled`
   private frame: number | null = null;
   private isDirty = false;
@@ -102,8 +102,9 @@ export class FrameLoop {
   }
 
   /**
-   * Scales the width and height of images that change, above 0 and at most 1; still images have the
-   * full size. A canvas whose size on the page changes with it keeps its size, and `onFixedSize` is called.
+   * Scales the width and height of the image while it changes. `scale` is above 0 and at most 1. Still images
+   * have the full size. If the size of the canvas on the page depends on its pixels, the scale stays 1, and
+   * `onFixedSize` is called.
    */
   setScale(scale: number): void {
     if (scale === this.scale) return;
@@ -208,7 +209,7 @@ export class FrameLoop {
     );
   }
 
-  /** Finds the full size: the one that was requested, or that the page has given the canvas. */
+  /** Updates the full size: the requested one, or the one that the page has set on the canvas. */
   private findSize(): void {
     const { canvas, requested, full } = this;
     this.checkLayout();
@@ -222,14 +223,14 @@ export class FrameLoop {
     this.isDirty = true;
   }
 
-  /** The size of images that change. */
+  /** The size of the image while it changes. */
   private scaledSize(): Size {
     const { width, height } = this.full;
     if (this.scale === 1) return this.full;
     return { width: Math.max(1, Math.round(this.scale * width)), height: Math.max(1, Math.round(this.scale * height)) };
   }
 
-  /** Returns the size of the next image that changes, and prepares the canvas for it. */
+  /** Returns the size of the next changing image, and prepares the canvas for it. */
   private nextSize(): Size {
     this.findSize();
     const size = this.scaledSize();
@@ -265,7 +266,7 @@ export class FrameLoop {
     this.client.onFixedSize();
   }
 
-  /** The camera of an image in full size. */
+  /** The camera for an image of the full size. */
   private stillCamera(source: CameraSource): Camera {
     if (this.scaledSize() === this.full) this.setFullSize();
     return source.camera(this.full.width, this.full.height);

@@ -142,7 +142,7 @@ export class Playback {
     this.post({ type: "loop", loop });
   }
 
-  /** Seeks to the live edge, and follows it, at a rate of 1. */
+  /** Seeks to the live edge and follows it at a rate of 1. */
   goLive(): void {
     if (!this.scene?.live) return;
     this.setRate(1);

@@ -21,7 +21,7 @@ export interface PlaybackContext {
   /** Of the next source. */
   options(): OpenOptions;
   onOpened(info: SceneInfo): void;
-  /** `SceneInfo.tierPrimitives`, as far as is known now. */
+  /** `SceneInfo.tierPrimitives`, as far as known now. */
   onTiers(tierPrimitives: readonly number[]): void;
   /** The time may have changed. */
   onTime(): void;

@@ -29,13 +29,13 @@ export interface PlayerStats {
   computeMs?: number; // see RendererStatistics
   rasterMs?: number;
   bytesPerSecond: number; // recent throughput, on which the fetched layers depend; 0: not known yet
-  memoryBytes: number; // of fetched and decoded segments, at most the memory budget
+  memoryBytes: number; // of fetched and decoded segments; at most the memory budget
   layers: number; // available at the current time
   layerCount: number;
   quality: QualityReport | null; // null: there is no player
 }
 
-/** Those without a player. */
+/** Statistics without a player. */
 export const NO_STATS: PlayerStats = {
   framesPerSecond: 0, primitives: 0, visible: 0, bytesFetched: 0, bytesPerSecond: 0, memoryBytes: 0,
   sortMs: 0, layers: 0, layerCount: 0, quality: null,
@@ -43,8 +43,8 @@ export const NO_STATS: PlayerStats = {
 
 /**
  * Plays on a canvas: see `ScenePlayer`. The events `enterxr` and `leavexr` report sessions. When the GPU
- * is lost for the first time since load(), a `notice` of the kind `renderer` follows, and the source is
- * loaded again with another renderer, at the same time.
+ * is lost for the first time since load(), the player dispatches a `notice` of the kind `renderer`, reloads
+ * the source with another renderer, and resumes at the same time.
  */
 export class StgsPlayer extends ScenePlayer {
   private readonly canvas: HTMLCanvasElement;
@@ -120,8 +120,8 @@ export class StgsPlayer extends ScenePlayer {
   }
 
   /**
-   * Whether the source ended because the GPU was lost again, or no renderer could be created after it
-   * was lost. A player on another canvas may draw with WebGL2.
+   * Whether playback ended because the GPU was lost again, or because no renderer could be created after
+   * the first loss. A player on another canvas may still be able to draw with WebGL2.
    */
   get hasLostRenderer(): boolean {
     return this.isWithoutRenderer;
@@ -234,7 +234,7 @@ export class StgsPlayer extends ScenePlayer {
     this.playback.fail("unsupported", `rendering failed: ${textOf(error)}`);
   }
 
-  /** Loads the source again, for which the renderer gets another device. */
+  /** Reloads the source with a renderer on another device. */
   private recover(error: Error): void {
     const { source } = this.playback;
     // A scene that is not open yet, or the next source, has another device anyway.
@@ -245,7 +245,7 @@ export class StgsPlayer extends ScenePlayer {
     resume(this, super.load(source), { currentTime, paused, live });
   }
 
-  /** Adopts the limit of the renderer, once it is loaded. */
+  /** Applies the limit of the renderer once it is loaded. */
   private limitPrimitives(): void {
     const adopt = () => this.adaptation.limitRenderer(this.renderer.maxPrimitives ?? Infinity);
     if (this.renderer.whenReady === undefined) return adopt();

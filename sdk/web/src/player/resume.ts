@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 import type { LiveState } from "../types";
 
-/** Where playback of a source is. */
+/** The position and state of playback of a source. */
 export interface Position {
   readonly currentTime: number;
   readonly paused: boolean;
@@ -9,8 +9,8 @@ export interface Position {
 }
 
 /**
- * Continues a source, which is being loaded again, at a position: at its live edge if playback followed
- * that. The error event reports failures.
+ * Resumes a source that is being reloaded: at the live edge if playback followed it, otherwise at the same
+ * time. The error event reports failures.
  */
 export function resume(
   player: { currentTime: number; play(): Promise<void> }, loaded: Promise<void>, { currentTime, paused, live }: Position,

@@ -22,7 +22,7 @@ export interface ScenePlayerOptions extends QualitySettings {
   worker: WorkerSource;
   /** Seconds to fetch ahead; default 10. */
   lookAhead?: number;
-  /** The sound: "auto" (default): the location in the file, on the server of the file; "none"; or a URL. */
+  /** The sound: "auto" (default): the audio file that the scene names, if it is on the same server; "none"; or a URL. */
   audio?: string;
 }
 
@@ -36,7 +36,7 @@ export interface ScenePlayerParts {
   onTime(): void;
   /** The image at the current time has changed. */
   onContent(): void;
-  /** Another quality was chosen. */
+  /** The quality has changed. */
   onQuality?(): void;
 }
 
@@ -45,7 +45,7 @@ export interface ScenePlayerParts {
  * seconds. Events are dispatched after the call that causes them. `timeupdate` is dispatched at
  * most four times per second during playback, and once after each seek, pause and end. A `notice`
  * event with `detail: { kind, message }` passes on events of the core, such as data that could not
- * be read. `qualitychange` with a `QualityReport` as `detail` reports what is chosen for the device.
+ * be read. `qualitychange`, whose `detail` is a `QualityReport`, reports changes of the quality.
  */
 export class ScenePlayer extends EventTarget {
   static readonly HAVE_NOTHING = Ready.Nothing;
@@ -197,8 +197,8 @@ export class ScenePlayer extends EventTarget {
   }
 
   /**
-   * Whether the sound is off. Also set by the player, with `volumechange` and a `notice`, if the browser
-   * plays sound only after a gesture of the user.
+   * Whether the sound is muted. The player mutes itself, with `volumechange` and a `notice`, if the browser
+   * requires a user gesture before it plays sound.
    */
   get muted(): boolean {
     return this.sound.muted;
@@ -206,7 +206,7 @@ export class ScenePlayer extends EventTarget {
   set muted(muted: boolean) {
     if (!this.isDestroyed) this.sound.muted = muted;
   }
-  /** 0 to 1; others throw an `IndexSizeError`. */
+  /** 0 to 1; other values throw an `IndexSizeError`. */
   get volume(): number {
     return this.sound.volume;
   }
@@ -225,14 +225,14 @@ export class ScenePlayer extends EventTarget {
     if (!this.isDestroyed) this.sound.source = source;
   }
 
-  /** How much is fetched and drawn; see `Quality`. Others throw a `TypeError`. */
+  /** The amount of data fetched and drawn, see `Quality`. Invalid values throw a `TypeError`. */
   get quality(): Quality {
     return this.adaptation.quality;
   }
   set quality(quality: Quality) {
     if (!this.isDestroyed) this.adaptation.quality = quality;
   }
-  /** The choices for the device, and their reasons. */
+  /** The current quality for the device, and the reasons. */
   get qualityReport(): QualityReport {
     return this.adaptation.report();
   }
@@ -245,15 +245,15 @@ export class ScenePlayer extends EventTarget {
   }
 
   /**
-   * The state of a recording that is being written, whose `duration` grows; null: the file is
-   * complete. Playback begins at the live edge and follows it; a pause, a seek to an earlier time or
-   * another rate ends that. The event `livechange` reports changes of `live` to and from null, and of
+   * The state of a recording in progress, whose `duration` grows; null if the file is complete.
+   * Playback starts at the live edge and follows it; a pause, a seek to an earlier time, or another
+   * rate ends following. The event `livechange` reports changes of `live` to and from null, and of
    * `following`.
    */
   get live(): LiveState | null {
     return this.playback.scene?.live ?? null;
   }
-  /** Seeks to the live edge and follows it at a rate of 1, as a seek to the end does. */
+  /** Seeks to the live edge and follows it at a rate of 1; a seek to the end has the same effect. */
   goLive(): void {
     if (!this.isDestroyed) this.playback.goLive();
   }

@@ -23,7 +23,7 @@ export class SceneState {
     renderer.setScene(info);
   }
 
-  /** Takes over the figures of a state. Returns the names of the events that report them. */
+  /** Adopts the values of a state. Returns the names of the events that report changes. */
   apply(state: CoreState): EventName[] {
     const buffered = new BufferedRanges(state.buffered), events: EventName[] = [];
     if (state.duration !== this.duration) events.push("durationchange");

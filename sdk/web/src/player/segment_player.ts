@@ -5,9 +5,9 @@ import type { QualitySettings } from "./adaptation";
 import { browserHost } from "./host";
 import { ScenePlayer } from "./scene_player";
 
-/** Settings of a scene that an application draws. */
+/** Settings of a `SegmentPlayer`. */
 export interface SegmentPlayerOptions extends QualitySettings {
-  /** URL of the scene, or a file. It is loaded at once. */
+  /** URL of the scene, or a file. The player loads it at once. */
   src?: string | Blob;
   /** Plays as soon as data is available. */
   autoplay?: boolean;
@@ -19,14 +19,14 @@ export interface SegmentPlayerOptions extends QualitySettings {
   audio?: string;
 }
 
-/** Plays a scene for a renderer with which the application draws, such as a SplatRenderer. */
+/** Plays a scene with a renderer that the application draws with, such as a SplatRenderer. */
 export class SegmentPlayer extends ScenePlayer {
   private announcement: number | null = null;
   private drawnTicks: number | null = null; // of the last frame
 
   /**
-   * `renderer` belongs to the player, which destroys it. `onChange`: the image may have changed, so an
-   * application that draws on demand has to draw.
+   * The player takes ownership of `renderer`. `onChange` is called when the image may have changed, so that
+   * an application can draw on demand.
    */
   constructor(
     renderer: SegmentSink, options: SegmentPlayerOptions = {},
@@ -49,7 +49,7 @@ export class SegmentPlayer extends ScenePlayer {
     if (options.autoplay) this.play().catch(() => undefined);
   }
 
-  /** Call it once per frame. Returns the time to draw, ticks of the timeline; null: there is no image. */
+  /** Call once per frame. Returns the time to draw, in ticks of the timeline; null if there is no image yet. */
   frameTicks(): number | null {
     this.playback.updateTime(false);
     const time = this.playback.frameTime();
@@ -64,7 +64,7 @@ export class SegmentPlayer extends ScenePlayer {
     super.destroy();
   }
 
-  /** Calls onChange() with the next frame of the page, so that it never runs within a frame. */
+  /** Calls onChange() before the next frame of the page, never during a frame. */
   protected announce(): void {
     if (this.isDestroyed) return;
     this.announcement ??= requestAnimationFrame(() => {

@@ -22,11 +22,11 @@ export class Sound {
   private level = 1;
   private isMuted = false;
   private track: AudioTrack | null = null;
-  private hasTrack = false; // that can be played
+  private hasTrack = false; // there is a sound that can be played
   private current = new AbortController();
   private info: SceneInfo | null = null;
 
-  /** `choice`: "auto": the location in the file; "none"; or a URL. */
+  /** `choice`: "auto" (the location in the file), "none", or a URL. */
   constructor(
     player: EventTarget, private choice: string, private readonly events: EventQueue, private readonly host: Host,
     private readonly timebase: Timebase,
@@ -91,7 +91,7 @@ export class Sound {
       blocked: () => {
         this.isMuted = true;
         this.events.push("volumechange");
-        this.events.push("notice", { kind: "audio", message: "the browser plays sound only after a click or a key: it is muted" });
+        this.events.push("notice", { kind: "audio", message: "muted: the browser plays sound only after a click or a key press" });
       },
       failed: (message) => this.fail(message),
     }, signal);

@@ -2,7 +2,7 @@
 import { CoreMessage, PageMessage } from "../types";
 import { WorkerLike } from "./host";
 
-/** A worker, or a function that creates one per source, which is opened next. */
+/** A worker, or a function that creates one for each source before it is opened. */
 export type WorkerSource = WorkerLike | ((source: string | Blob) => WorkerLike);
 
 /** The worker of the current source. Messages of earlier workers are ignored. */

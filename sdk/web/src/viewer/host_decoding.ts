@@ -6,8 +6,8 @@ import { ImageReader } from "./image_reader";
 const DAMAGED = "damaged or truncated";
 
 /**
- * Fills `output` with the content of a compressed stream, which must have its size. Reads no more.
- * Throws errors for display, without the name of the content.
+ * Decompresses a stream into `output`. Rejects with a message for display, without the name of the content,
+ * if the decompressed size differs from that of `output`; stops reading at that size.
  */
 async function inflate(format: "gzip" | "deflate-raw", input: Uint8Array, output: Uint8Array): Promise<void> {
   let decoder;
@@ -24,7 +24,7 @@ async function inflate(format: "gzip" | "deflate-raw", input: Uint8Array, output
     });
     if (part.done) break;
     if (part.value.length > output.length - end) {
-      reader.cancel().catch(() => undefined); // it failed already
+      reader.cancel().catch(() => undefined); // it has already failed
       throw new Error(DAMAGED);
     }
     output.set(part.value, end);
@@ -33,14 +33,14 @@ async function inflate(format: "gzip" | "deflate-raw", input: Uint8Array, output
   if (end !== output.length) throw new Error(DAMAGED);
 }
 
-/** Does tasks of one instance of the module. */
+/** Executes the tasks of one instance of the module. */
 export class HostDecoding {
-  private images: Promise<ImageReader> | null = null; // once there are any
+  private images: Promise<ImageReader> | null = null; // created for the first image
 
-  /** `instance`: of the module, none of whose functions may be called during a task. */
+  /** No function of `instance` may be called during a task. */
   constructor(private readonly instance: Instance<unknown>) {}
 
-  /** Does the task at an address. Resolves to null, or to a message for display if it failed. */
+  /** Executes the task at an address. Resolves to null, or to a message for display if it failed. */
   async run(address: number): Promise<string | null> {
     const fields = new Uint32Array(this.instance.copy(address, 7 * 4));
     const [coding, label, input, inputBytes, output, outputBytes, width] = fields as unknown as number[];

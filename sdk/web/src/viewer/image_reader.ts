@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Pixels of lossless WebP images, as they were encoded. A 2D canvas multiplies colours by alpha, so
+// Reads the exact pixels of lossless WebP images. A 2D canvas would multiply colours by alpha, so
 // images are read through a texture.
 
 // Not listed by TypeScript 4.8.
@@ -12,9 +12,9 @@ const RIFF_HEADER = 20;
 const STREAM_HEADER = 5;
 
 /**
- * Returns a file with a lossless stream (RFC 9649, 2.6) and nothing else: browsers apply colour
- * profiles and orientations. The bit that states that alpha is in use is set, because browsers drop
- * alpha without it; decoders of the format ignore it.
+ * Returns a file that contains only a lossless stream (RFC 9649, 2.6), because browsers apply colour
+ * profiles and orientations. The bit for the use of alpha is set, because browsers drop alpha without
+ * it; decoding does not depend on it.
  */
 function webpFile(stream: Uint8Array): Blob {
   const padding = stream.length % 2;
@@ -34,15 +34,15 @@ function webpFile(stream: Uint8Array): Blob {
 const PROBE = "Lw/AAxBNZET/YxGFKHj/A2QCFkMh/Qs6vYf/n8CFmACWrOVd";
 const PROBE_SIDE = 16;
 
-/** Reads images exactly. Methods throw errors for display, without the name of the image. */
+/** Reads images exactly. Methods throw errors with messages for display, without the name of the image. */
 export class ImageReader {
   private constructor(private readonly gl: WebGL2RenderingContext) {}
 
-  /** Creates a reader. Rejects if the browser cannot decode images in workers, or changes their values. */
+  /** Creates a reader. Rejects if the browser cannot decode images in workers, or alters their values. */
   static async create(): Promise<ImageReader> {
     const canvas = typeof OffscreenCanvas === "undefined" ? null : new OffscreenCanvas(1, 1);
     const gl = canvas?.getContext("webgl2") ?? null;
-    if (gl === null) throw new Error("this browser has no WebGL2 in workers, which reads images; use 'stgs convert'");
+    if (gl === null) throw new Error("this browser has no WebGL2 in workers, which reading images requires; use 'stgs convert'");
     const reader = new ImageReader(gl);
     const stream = Uint8Array.from(atob(PROBE), (char) => char.charCodeAt(0));
     const pixels = new Uint8Array(4 * PROBE_SIDE * PROBE_SIDE);
@@ -51,7 +51,7 @@ export class ImageReader {
       const i = at >> 2;
       return value === ([255 - i, 3 * i, 128 + i, i][at & 3]! & 255);
     });
-    if (!isExact) throw new Error("this browser changes the values of images, perhaps to protect privacy; use 'stgs convert'");
+    if (!isExact) throw new Error("this browser alters the pixels of images, perhaps to protect privacy; use 'stgs convert'");
     return reader;
   }
 
@@ -60,7 +60,7 @@ export class ImageReader {
     const height = output.length / 4 / width;
     const limit = this.gl.getParameter(this.gl.MAX_TEXTURE_SIZE) as number;
     if (Math.max(width, height) > limit) {
-      throw new Error(`${width} x ${height} pixels are more than the GPU takes (at most ${limit} a side); use 'stgs convert'`);
+      throw new Error(`${width} x ${height} pixels exceed the limit of the GPU (${limit} per side); use 'stgs convert'`);
     }
     let image: ImageBitmap;
     try {
@@ -89,6 +89,6 @@ export class ImageReader {
     const failed = gl.getError() !== gl.NO_ERROR || gl.isContextLost();
     gl.deleteFramebuffer(framebuffer);
     gl.deleteTexture(texture);
-    if (failed) throw new Error("the GPU has no memory for the image, or stopped; use 'stgs convert'");
+    if (failed) throw new Error("the GPU ran out of memory or was lost; use 'stgs convert'");
   }
 }

@@ -21,8 +21,8 @@ function bytesOf(base64: string): Uint8Array {
 export async function inlinedResources(): Promise<Resources | null> {
   const core = document.getElementById("stgs-core");
   if (core === null) return null;
-  // A worker from data has no origin, so it could not fetch the scenes of the page's server (?src=). A
-  // page from disk may not start modules from Blobs, and has no server.
+  // A worker from a data: URL has no origin and could not fetch scenes from the page's server (?src=). A
+  // page opened from disk cannot start modules from Blobs, and has no server.
   const isHosted = /^https?:$/.test(location.protocol);
   const script = (id: string) => {
     const base64 = take(document.getElementById(id));

@@ -5,9 +5,9 @@ import type {
   GPUBuffer, GPUCommandEncoder, GPUDevice, GPUQuerySet, GPUTimestampWrites,
 } from "./webgpu_types";
 
-/** The measurements of a frame on the GPU. Times are null if it has no timestamps. */
+/** The measurements of a frame on the GPU. Times are null if the GPU has no timestamps. */
 export interface FrameFigures {
-  /** Splats of the last view. */
+  /** Visible splats of the last view. */
   visible: number;
   /** Milliseconds of evaluation, culling, projection and SH; of the sorts; of rasterisation. */
   projectMs: number | null;
@@ -17,7 +17,7 @@ export interface FrameFigures {
 
 const kTimesOffset = 4 * kDrawnWords;
 
-/** Timestamps of a frame: the begin and the end of each stage (timesOf()). */
+/** Number of timestamps of a frame: the start and end of each stage (timesOf()). */
 function timesOfViews(views: number): number {
   return 2 * (1 + 2 * views);
 }
@@ -29,7 +29,7 @@ export class FrameReport {
   private readonly copy: GPUBuffer;
   private inFlight = false;
 
-  /** `views`: the most views of a frame. */
+  /** `views`: maximum number of views per frame. */
   constructor(device: GPUDevice, views: number) {
     const { COPY_SRC, COPY_DST, MAP_READ, QUERY_RESOLVE } = BUFFER_USAGE;
     const timed = device.features.has("timestamp-query");
@@ -69,7 +69,7 @@ export class FrameReport {
     if (this.inFlight) return null;
     encoder.copyBufferToBuffer(drawn, 0, this.copy, 0, kTimesOffset);
     if (this.queries !== null && this.resolved !== null) {
-      // Only those that the frame writes: some implementations wait for the others.
+      // Only the timestamps that the frame writes: some implementations wait for the others.
       const count = timesOfViews(views);
       encoder.resolveQuerySet(this.queries, 0, count, this.resolved, 0);
       encoder.copyBufferToBuffer(this.resolved, 0, this.copy, kTimesOffset, 8 * count);

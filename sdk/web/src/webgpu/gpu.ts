@@ -5,7 +5,7 @@ import type {
   GPUBufferBindingType, GPUDevice, GPUTextureView,
 } from "./webgpu_types";
 
-/** The resource of a binding; null: the shader does not use the number. */
+/** The resource of a binding; null if the shader does not use the binding number. */
 export type Binding = GPUBufferBindingType | "texture" | null;
 
 /** Returns the layout of bindings 0, 1, ... for stages of SHADER_STAGE. */

@@ -20,11 +20,11 @@ export interface OccluderFormat {
   isReversed?: boolean;
 }
 
-/** What the pipelines draw. */
+/** The outputs of the pipelines. */
 export interface Outputs {
-  /** Of the textures to be drawn to. */
+  /** The format of the textures to be drawn to. */
   format: GPUTextureFormat;
-  /** The most views of a frame. */
+  /** The maximum number of views per frame. */
   views: number;
   hasDepth: boolean;
   occluders: OccluderFormat | null;
@@ -37,11 +37,11 @@ export interface Pipelines {
   /** Bindings 1 of project.wgsl: words, groups. */
   batchLayout: GPUBindGroupLayout;
   splatLayout: GPUBindGroupLayout;
-  /** Of resolve.wgsl: image, view. */
+  /** Bindings of resolve.wgsl: image, view. */
   resolveLayout: GPUBindGroupLayout;
   project: GPUComputePipeline;
   splat: GPURenderPipeline;
-  /** Replaces the pixels of an image; blends it over them. */
+  /** Write the image to the texture: replacing its pixels, or blending over them. */
   resolve: GPURenderPipeline;
   overlay: GPURenderPipeline;
   /** Null without depth. */
@@ -92,7 +92,7 @@ function resolvePipelineOf(
   });
 }
 
-/** Compiles. */
+/** Compiles the pipelines. */
 export async function pipelinesOf(device: GPUDevice, outputs: Outputs): Promise<Pipelines> {
   const { COMPUTE, FRAGMENT } = SHADER_STAGE;
   const { format, views, hasDepth } = outputs;

@@ -26,15 +26,15 @@ export const kDrawnWords = 8;
 export type SortKind = "portable" | "subgroups";
 
 /**
- * Returns the lanes of the subgroups of a device; null if shaders cannot use them, or if they have
- * different sizes: implementations then promise neither full subgroups nor an exact range of the sizes.
+ * Returns the number of lanes per subgroup of a device; null if shaders cannot use subgroups, or if sizes
+ * vary: implementations then guarantee neither full subgroups nor an exact range of sizes.
  */
 function subgroupSize(device: GPUDevice): number | null {
   const { subgroupMinSize: min, subgroupMaxSize: max } = device.adapterInfo ?? {};
   return device.features.has("subgroups") && min !== undefined && min === max ? min : null;
 }
 
-/** Lanes per workgroup of sort_subgroups.wgsl: at most 8 subgroups, and the 256 that WebGPU guarantees. */
+/** Lanes per workgroup of sort_subgroups.wgsl: 8 subgroups, but at most the 256 lanes that WebGPU guarantees. */
 function lanesOf(subgroup: number): number {
   return Math.min(256, 8 * subgroup);
 }
@@ -86,8 +86,8 @@ async function pipelinesOf(device: GPUDevice, kind: SortKind): Promise<Pipelines
 }
 
 /**
- * Sorts the slots that are visible by depth, ascending; slots with equal depths keep their order. All
- * of it happens on the GPU; the number of visible slots is not known to the caller.
+ * Sorts the visible slots by ascending depth; slots with equal depths keep their order. Everything
+ * happens on the GPU; the caller does not know the number of visible slots.
  */
 export class RadixSort {
   /**
@@ -123,12 +123,12 @@ export class RadixSort {
     return new RadixSort(device, await pipelinesOf(device, kind));
   }
 
-  /** The depths of the slots, view by view, 4 bytes each, which the caller writes before each sort. */
+  /** The depths of the slots, view by view, 4 bytes each. The caller writes them before each sort. */
   get depths(): GPUBuffer {
     return this.depthBuffer.buffer;
   }
 
-  /** Those of a view. */
+  /** The depths of a view. */
   depthsOf(view: number): GPUBufferBinding {
     return { buffer: this.depths, offset: 4 * this.slots * view, size: 4 * this.slots };
   }
@@ -140,7 +140,7 @@ export class RadixSort {
 
   /**
    * Sets the number of slots > 0; with several views, it is a multiple of 64. Returns whether `depths`
-   * and `order` have changed. Throws an Error if no buffer can be as large.
+   * and `order` were replaced. Throws an Error if a buffer would exceed the limits of the device.
    */
   reserve(slots: number, views = 1): boolean {
     if (slots === this.slots && views === this.views) return false;
@@ -191,7 +191,7 @@ export class RadixSort {
       [settings, this.depthsOf(view), ...buffers, { buffer: this.drawn }]);
   }
 
-  /** `tiles`: for which `counts` has space. */
+  /** `tiles`: number of tiles that `counts` has space for. */
   private writeSettings(tiles: number): void {
     const words = new Uint32Array((kPasses * kSettingsStride) / 4);
     for (let k = 0; k < kPasses; ++k) {

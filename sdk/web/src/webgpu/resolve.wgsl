@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Puts the blended splats over the background, and divides the sums of depths. Colours are
+// Puts the blended splats over the background, and divides the sums of depths by alpha. Colours are
 // sRGB-encoded, as the canvas is.
 #include "view.wgsl"
 

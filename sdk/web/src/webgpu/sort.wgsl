@@ -2,7 +2,7 @@
 // A stable radix sort of the visible slots by depth: keys of 24 bits, in passes of 8 bits. Each pass
 // counts the digits of tiles of keys, sums the counts over chunks of tiles, and scatters the pairs
 // (sort_portable.wgsl or sort_subgroups.wgsl). The first pass reads the depths of slots, of which some
-// are not visible, and writes only those that are. It needs no progress guarantees.
+// are not visible, and writes only the visible ones. The sort does not rely on forward progress.
 // radix_sort.ts writes kLanes, the lanes per workgroup, kTile, the keys per workgroup, and kChunk, the
 // tiles per chunk, before this text.
 #include "drawn.wgsl"
@@ -11,7 +11,7 @@ struct Sorting {
   shift: u32,     // of the digit
   is_first: u32,  // 1: the keys are those of slots
   slots: u32,
-  tiles: u32,     // for which `counts` has space, a multiple of kChunk
+  tiles: u32,     // that `counts` has space for; a multiple of kChunk
 }
 
 @group(0) @binding(0) var<uniform> sorting: Sorting;
@@ -59,15 +59,15 @@ fn find_range(@builtin(workgroup_id) workgroup: vec3<u32>,
   }
 }
 
-// Returns the key of a depth. Depths are positive, so their bits are ordered as they are. If the range
-// of the bits has more than kKeyBits, the lowest are dropped.
+// Returns the key of a depth. The bits of depths have the order of the depths, which are positive. If the
+// range of the bits exceeds kKeyBits, the lowest bits are dropped.
 fn key_of_depth(bits: u32) -> u32 {
   let lowest = ~atomicLoad(&drawn[kLowest]);
   let range_bits = 32u - countLeadingZeros(atomicLoad(&drawn[kHighest]) - lowest);
   return (bits - lowest) >> (max(range_bits, kKeyBits) - kKeyBits);
 }
 
-// Returns key and slot of entry i < keys of the pass; the key is kHole if the slot is not visible.
+// Returns the key and the slot of entry i < keys_of_pass(); the key is kHole if the slot is not visible.
 fn pair_at(i: u32) -> vec2<u32> {
   if (sorting.is_first == 0u) { return pairs_in[i]; }
   let bits = depths[i];
@@ -118,10 +118,10 @@ fn sum_chunk(@builtin(workgroup_id) workgroup: vec3<u32>,
 const kDigitsPerLane = kDigits / kLanes;
 var<workgroup> lane_sums: array<u32, kLanes>;
 var<workgroup> group_sums: array<u32, kLanes / 16u>;  // of 16 lanes
-// Per digit: where the next key with it goes.
+// Per digit: the position of the next key with this digit.
 var<workgroup> next: array<u32, kDigits>;
 
-// Sets next[digit] to the number of keys with this digit in earlier tiles. Returns the number in all.
+// Sets next[digit] to the number of keys with this digit in earlier tiles. Returns the number in all tiles.
 fn count_before(tile: u32, chunks: u32, digit: u32) -> u32 {
   let chunk = tile / kChunk;
   var before = counts[tile * kDigits + digit];
@@ -135,8 +135,8 @@ fn count_before(tile: u32, chunks: u32, digit: u32) -> u32 {
   return sum;
 }
 
-// Sets `next` for a tile: the keys with lower digits, and those with this digit in earlier tiles. The
-// first tile also writes `drawn`. To be called by all lanes.
+// Sets `next` for a tile: the number of keys with lower digits, and of keys with the same digit in earlier
+// tiles. The first tile also writes `drawn`. All lanes must call it.
 fn find_places(tile: u32, n: u32, lane: u32) {
   let chunks = (n + kChunk * kTile - 1u) / (kChunk * kTile);
   let first = lane * kDigitsPerLane;
@@ -174,7 +174,7 @@ fn find_places(tile: u32, n: u32, lane: u32) {
 
 var<workgroup> key_count: u32;
 
-// Returns keys_of_pass(), which is then known to be the same for all lanes.
+// Returns keys_of_pass() as a value that is uniform for all lanes.
 fn uniform_keys_of_pass(lane: u32) -> u32 {
   if (lane == 0u) { key_count = keys_of_pass(); }
   return workgroupUniformLoad(&key_count);

@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// scatter() of sort.wgsl without operations of subgroups: the lanes mark their keys in a mask per digit.
+// scatter() of sort.wgsl without subgroup operations: the lanes mark their keys in a bit mask per digit.
 // Each lane has kPerLane keys of a batch, kLanes apart.
 
 const kPerLane = 4u;
 const kBatch = kLanes * kPerLane;
 const kWords = kBatch / 32u;  // of a mask
 
-// Word by word: per digit, a bit for each key of the batch that has it.
+// Word by word: per digit, a bit for each key of the batch, set if the key has this digit.
 var<workgroup> masks: array<atomic<u32>, kWords * kDigits>;
 
-// The keys of a mask before a place, and whether there are none behind it.
+// The number of keys of a mask before a position, and whether no key follows it.
 struct Place {
   before: u32,
   is_last: bool,

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// scatter() of sort.wgsl with operations of subgroups. Each subgroup has a part of the tile, and reads
+// scatter() of sort.wgsl with subgroup operations. Each subgroup processes a part of the tile, and reads
 // as many keys at a time as it has lanes. Subgroups are full and have one size; kLanes is a multiple of it,
 // and at most kMaxSubgroups times it. radix_sort.ts writes kIsWide, whether subgroups exceed 32 lanes.
 
 const kMaxSubgroups = 8u;
 
 var<workgroup> subgroup_count: atomic<u32>;
-// Per subgroup and digit: the number of keys; then where the next one goes.
+// Per subgroup and digit: the number of keys, later the position of the next key.
 var<workgroup> places: array<atomic<u32>, kMaxSubgroups * kDigits>;
 
 // Numbers the subgroups in any order: WGSL does not state which lanes form one.
@@ -16,7 +16,7 @@ fn number_of_subgroup() -> u32 {
   return subgroupBroadcastFirst(number);
 }
 
-// The bits of the lanes before one.
+// The bits of the lanes before a lane.
 fn lanes_before(lane: u32) -> vec4<u32> {
   let at = vec4<i32>(i32(lane)) - vec4<i32>(0, 32, 64, 96);
   let low = (vec4<u32>(1u) << (vec4<u32>(clamp(at, vec4<i32>(0), vec4<i32>(31))))) - 1u;
@@ -42,7 +42,7 @@ fn lowest_of(lanes: vec4<u32>) -> u32 {
   return 96u + firstTrailingBit(lanes.w);
 }
 
-// Returns the lanes with the same digit, of those that have a key.
+// Returns the lanes that have a key with the same digit.
 fn peers_of(digit: u32, has_key: bool) -> vec4<u32> {
   var peers = ballot(has_key);
   for (var bit = 1u; bit < kDigits; bit <<= 1u) {
@@ -53,7 +53,7 @@ fn peers_of(digit: u32, has_key: bool) -> vec4<u32> {
   return peers;
 }
 
-// Replaces the counts of the subgroups by the places of their first keys.
+// Replaces the counts of the subgroups by the positions of their first keys.
 fn find_places_of_subgroups(lane: u32, subgroups: u32) {
   for (var d = lane; d < kDigits; d += kLanes) {
     var place = next[d];
@@ -99,7 +99,7 @@ fn scatter(@builtin(workgroup_id) workgroup: vec3<u32>,
     if (has_key && leader == sublane) {
       place = atomicAdd(&places[subgroup * kDigits + digit], count_of(peers));
     }
-    // A lane without a key has no leader; it takes part with any number.
+    // A lane without a key has no leader, but takes part in the shuffle with any lane number.
     place = subgroupShuffle(place, select(sublane, leader, has_key));
     if (has_key) { pairs_out[place + count_of(peers & before)] = pair; }
   }

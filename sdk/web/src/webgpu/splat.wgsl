@@ -16,7 +16,7 @@
 // Enlarges rectangles that are not aligned to pixels, for the rounding of their corners; pixels.
 const kBoxMargin = 0.0625;
 const kRelativeError = 1e-6;  // of their sizes
-// Limits depths, so that the format of their sums can represent them (pipelines.ts).
+// Upper limit of depths, so that their sums fit the format of the target (pipelines.ts).
 override kMaxDepth = 0x1.fffffep+127f;
 
 struct Vertex {
@@ -72,7 +72,7 @@ fn corner(@builtin(vertex_index) index: u32, @builtin(instance_index) instance: 
   let clip = 2.0 * corner_at(out.a.xy, extent, conic, side) / view.rows[4].xy - 1.0;
   let mapping = view.depth_mapping;
   let mapped = mapping.x + mapping.y / depth + mapping.z * log2(1.0 + depth);
-  // Clamped: splats beyond the planes of the application's projection are drawn, too.
+  // Clamped, so that splats beyond the planes of the application's projection are drawn.
   out.position = vec4<f32>(clip.x, -clip.y, clamp(mapped, 0.0, 1.0), 1.0);
   return out;
 }

@@ -19,22 +19,22 @@ import type {
 
 const kRecordBytes = 32;
 const kMaxViews = 4;
-/** Share of the records of a frame that are primitives; the others pad segments. */
+/** Fraction of the records of a frame that are primitives; the others are padding of segments. */
 const kPrimitiveShare = 15 / 16;
 
 /** Settings of a renderer. */
 export interface SplatRendererOptions {
-  /** The most views of a frame, 1 (default) to 4. */
+  /** The maximum number of views per frame, 1 (default) to 4. */
   views?: number;
   /**
-   * Whether views may have a depth. Precise if the device has the feature `float32-blendable`; otherwise
-   * half floats are summed, and splats count as at most 65504 scene units away.
+   * Whether views have a depth. Without the device feature `float32-blendable`, depths are summed as half
+   * floats, which is less precise, and clamped to 65504 scene units.
    */
   depth?: boolean;
-  /** Set: objects of the application, which each view then states, hide the splats behind them. */
+  /** If set, objects of the application hide the splats behind them; each view must then have `occluders`. */
   occluders?: OccluderFormat;
   /**
-   * Default: the fastest that the device can run. "subgroups" needs the feature `subgroups` of the device,
+   * Default: the fastest sort that the device can run. "subgroups" needs the device feature `subgroups`,
    * and subgroups of one size.
    */
   sort?: SortKind;
@@ -136,9 +136,9 @@ export class SplatRenderer implements SegmentSink {
 
   /**
    * Draws views of the primitives at `ticks` of the timeline, in the order of the views, over a
-   * background, or, if it is null, over what their textures show. Evaluates the primitives once for all
-   * views. Throws an Error if there are more views than at creation, if a view does not state what the
-   * renderer was created with, if a near plane is below 0, if the size of an image is not of whole pixels
+   * background, or, if it is null, over the content of their textures. Evaluates the primitives once for
+   * all views. Throws an Error if there are more views than set at creation, if a view does not match the
+   * options of the renderer, if a near plane is below 0, if the size of an image is not in whole pixels
    * above 0, or if an image or the splats of the frame are too large for the device.
    */
   drawViews(views: readonly SplatView[], ticks: number, background: Background | null): void {
@@ -162,7 +162,7 @@ export class SplatRenderer implements SegmentSink {
     if (this.frameGroup === null) this.figures = { ...this.figures, visible: 0 };
   }
 
-  /** Primitives that a frame can have, at most, with as many views as the renderer was created for. */
+  /** Maximum number of primitives of a frame, with the number of views set at creation. */
   get maxPrimitives(): number {
     const records = maxStorageBytes(this.device) / (kRecordBytes * this.outputs.views);
     return Math.floor(kPrimitiveShare * records);
@@ -202,11 +202,11 @@ export class SplatRenderer implements SegmentSink {
     }
   }
 
-  /** Uploads the tables of a frame, and makes all buffers and bindings fit. */
+  /** Uploads the tables of a frame, and resizes buffers and bindings as needed. */
   private prepare(views: readonly SplatView[], ticks: number): void {
     views.forEach(({ camera }, k) => this.prepareTarget(camera, k));
     const { device, pipelines, scene, sort } = this;
-    // Outdated bindings go at once, so that no later frame uses them if a buffer cannot be as large.
+    // Drop outdated bindings now, so that no later frame uses them if growing a buffer fails.
     if (scene.prepare(ticks) || this.views !== views.length) this.frameGroup = null;
     const { slots } = scene;
     if (slots === 0) return;

@@ -8,7 +8,7 @@ export const kTargetFormat = "rgba16float";
 /** The greatest finite half float. */
 export const kMaxHalf = 65504;
 
-/** The format of the sums of depth and alpha: half floats if the device cannot blend others. */
+/** The format of the sums of depth and alpha: half floats if the device cannot blend 32-bit floats. */
 export function depthSumsFormat(device: GPUDevice): GPUTextureFormat {
   return device.features.has("float32-blendable") ? "rg32float" : "rg16float";
 }

@@ -12,13 +12,13 @@ export interface Occluders {
   /** A texture with one sample per pixel, of the size of the camera; only its depth is read. */
   depth: GPUTextureView;
   /**
-   * [a, b, c]: a point at z in front of the camera, scene units, has depth a + b / z + c log2(1 + z)
-   * there, 0 to 1. Of a projection with planes at n and f: a = f / (f - n), b = -a n, c = 0.
+   * [a, b, c]: a point z scene units in front of the camera has the depth a + b / z + c log2(1 + z) in the
+   * texture, 0 to 1. For a projection with planes at n and f: a = f / (f - n), b = -a n, c = 0.
    */
   mapping: readonly [number, number, number];
 }
 
-/** A view of a frame, and where it is drawn. */
+/** A view of a frame, and the textures that receive it. */
 export interface SplatView {
   camera: Camera;
   /** Receives the image. */
@@ -29,12 +29,12 @@ export interface SplatView {
    */
   at?: readonly [number, number];
   /**
-   * Receives the depth, as the native renderers define it: the mean camera z, scene units, of the splats
-   * by their weights in the colour; 0 where alpha is 0. Without the feature `float32-blendable` of the
-   * device, splats count as at most 65504 away. A texture of `r32float`, of the size of the camera.
+   * Receives the depth, as the native renderers define it: the mean camera z of the splats, in scene units,
+   * with their weights in the colour; 0 where alpha is 0. Without the device feature `float32-blendable`,
+   * depths are clamped to 65504. An `r32float` texture of the size of the camera.
    */
   depth?: GPUTextureView;
-  /** Only, and always, if the renderer was created with `occluders`. */
+  /** Required if the renderer was created with `occluders`, otherwise not permitted. */
   occluders?: Occluders;
 }
 
@@ -59,7 +59,7 @@ export class ViewBuffer {
     return { buffer: this.buffer, offset: kStride * view, size: kStride };
   }
 
-  /** `background`: null: the image is blended over what its texture shows. */
+  /** `background`: null blends the image over the content of its texture. */
   write(views: readonly SplatView[], background: Background | null): void {
     const floats = new Float32Array((kStride / 4) * views.length);
     const words = new Uint32Array(floats.buffer);

@@ -4,7 +4,7 @@ import { FlyCamera } from "./fly";
 import { OrbitCamera } from "./orbit";
 import type { CameraRig } from "./rig";
 
-/** Returns the camera of an element for a scene; `free`: without the limits of the orbit. */
+/** Creates the camera of an element for a scene. `free`: removes the limits of the orbit. */
 export function createRig(info: SceneInfo, flies: boolean, free: boolean): CameraRig {
   const { matches: reducedMotion } = matchMedia("(prefers-reduced-motion: reduce)");
   return flies ? new FlyCamera(info, { reducedMotion }) : new OrbitCamera(info, { free, reducedMotion });

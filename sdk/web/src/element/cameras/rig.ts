@@ -41,18 +41,18 @@ export interface CameraRig extends CameraSource {
   release(right: number, up: number): void;
   /** Returns to the start camera. */
   reset(): void;
-  /** Where it is. Assigning it moves it at once, within its limits. */
+  /** The position of the camera. Assigning a view moves the camera at once, within its limits. */
   view: CameraView;
 }
 
-/** Where a camera is, relative to the start camera of the scene. */
+/** The position of a camera, relative to the start camera of the scene. */
 export interface CameraView {
-  /** Radians from the start: of an orbit, around its centre; of flying, the direction of view. */
+  /** Radians from the start camera: the angle around the centre of the orbit, or the viewing direction when flying. */
   azimuth: number; // to the right
   elevation: number; // up
-  /** Scene units: the centre of the orbit, or where the flying camera is. */
+  /** Scene units: the centre of the orbit, or the position of the flying camera. */
   point: [number, number, number];
-  /** Scene units from the centre; 0 and without effect when flying. */
+  /** Scene units from the centre of the orbit; when flying, 0 and ignored. */
   distance: number;
 }
 
