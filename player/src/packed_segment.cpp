@@ -174,24 +174,25 @@ std::uint64_t packed_bytes(std::uint32_t primitives, int sh_degree) {
   return padded(primitives) * packed_bytes_each(sh_degree);
 }
 
-void pack_primitives(const Gaussians4D& set, std::size_t first, std::uint32_t count, int sh_degree,
-                     std::uint8_t* memory, std::uint32_t total, std::uint32_t entry) {
-  const std::size_t n = padded(total);
+std::vector<std::uint32_t> packed_widths(int sh_degree) {
+  std::vector<std::uint32_t> out{8, 16, 16, 8, 16, 8};
+  out.insert(out.end(), sh_planes(sh_degree), 8);
+  return out;
+}
+
+void pack_segment(const Gaussians4D& set, std::size_t first, std::uint32_t count, int sh_degree,
+                  std::uint8_t* memory) {
+  const std::size_t n = padded(count);
   const Arrays to = arrays_at(memory, n);
   const auto pack = [&](std::size_t begin, std::size_t end) {
     for (std::size_t k = begin; k < end; k += kRun) {
       const std::size_t used = std::min(kRun, end - k);
-      pack_run(set, first + k, used, to, entry + k);
-      pack_sh(set, first + k, used, sh_degree, n, to.sh, entry + k);
+      pack_run(set, first + k, used, to, k);
+      pack_sh(set, first + k, used, sh_degree, n, to.sh, k);
     }
   };
   parallel_blocks(std::size_t{0}, std::size_t{count}, kBlock, pack);
-  if (entry + count == total) pad(to, total, n, sh_planes(sh_degree), n);
-}
-
-void pack_segment(const Gaussians4D& set, std::size_t first, std::uint32_t count, int sh_degree,
-                  std::uint8_t* to) {
-  pack_primitives(set, first, count, sh_degree, to, count, 0);
+  pad(to, count, n, sh_planes(sh_degree), n);
 }
 
 }  // namespace stgs::player

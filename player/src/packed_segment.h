@@ -13,6 +13,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <vector>
 
 #include "stgs/format/gaussian4d.h"
 
@@ -28,12 +29,11 @@ std::uint64_t packed_bytes_each(int sh_degree);
 // Returns the bytes of a segment.
 std::uint64_t packed_bytes(std::uint32_t primitives, int sh_degree);
 
-// Packs primitives [first, first + count) to entries [entry, entry + count) of the arrays at `to`,
-// which have `total` primitives; with the last primitive, also writes the padding. Spherical
-// harmonics missing from the set are 0; values beyond the range of half floats are clamped.
-void pack_primitives(const Gaussians4D& set, std::size_t first, std::uint32_t count, int sh_degree,
-                     std::uint8_t* to, std::uint32_t total, std::uint32_t entry);
-// As above, for all entries of a segment of `count` primitives.
+// Returns the bytes per primitive of each array, in their order.
+std::vector<std::uint32_t> packed_widths(int sh_degree);
+
+// Packs primitives [first, first + count) to the arrays at `to`, with their padding. SH missing
+// from the set are 0; values beyond the range of half floats are clamped.
 void pack_segment(const Gaussians4D& set, std::size_t first, std::uint32_t count, int sh_degree,
                   std::uint8_t* to);
 

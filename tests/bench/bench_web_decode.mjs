@@ -55,20 +55,14 @@ function cpuTime() {
 
 /** Times the stages of a decoder on this thread. */
 async function timeStages(open, jobs, rounds) {
-  const decoder = await PartDecoder.open(open), { instance } = decoder, { exports } = instance;
+  const decoder = await PartDecoder.open(open);
   const times = new Map(), best = jobs.map(() => new Map());
   const timed = (name, call) => (...args) => {
     const begin = cpuTime(), result = call(...args);
     times.set(name, (times.get(name) ?? 0) + cpuTime() - begin);
     return result;
   };
-  decoder.instance = {
-    exports: { ...exports, stgs_decoder_decode: timed("decode and pack", exports.stgs_decoder_decode),
-               stgs_decoder_next: timed("decode and pack", exports.stgs_decoder_next) },
-    copy: timed("copy to the page", instance.copy.bind(instance)),
-    bytes: instance.bytes.bind(instance), text: instance.text.bind(instance),
-  };
-  const decode = timed("all", decoder.decode.bind(decoder));
+  const decode = timed("decode, pack and copy", decoder.decode.bind(decoder));
   let primitives = 0, first = 0;
   for (let round = 0; round < rounds; ++round) {
     const begin = cpuTime();
@@ -83,7 +77,7 @@ async function timeStages(open, jobs, rounds) {
   }
   const bytes = jobs.flatMap(({ records }) => records).reduce((sum, record) => sum + record.bytes.byteLength, 0);
   console.log(`${primitives} primitives in ${jobs.length} segments, ${(bytes / primitives).toFixed(1)} bytes each; ` +
-    `memory ${(instance.memoryBytes / 1e6).toFixed(1)} MB; first round ${rate(primitives, first)}`);
+    `memory ${(decoder.memoryBytes / 1e6).toFixed(1)} MB; first round ${rate(primitives, first)}`);
   for (const name of best[0].keys())
     console.log(`  ${name}: ${rate(primitives, best.reduce((sum, one) => sum + one.get(name), 0))}`);
 }

@@ -87,6 +87,7 @@ TEST_CASE("primitives that are decoded in ranges equal those that are decoded to
       REQUIRE(decode_segment(records, head, s, kAllAttributes, TimeOrigin::kRecord, set, findings));
       const auto visit = [&](const Gaussians4D& range, std::size_t begin) {
         check_same(range, set, begin);
+        check_sh(range, set, begin);
         ++ranges;
         primitives += range.size();
       };
@@ -103,9 +104,10 @@ TEST_CASE("primitives that are decoded in ranges equal those that are decoded to
 TEST_CASE("ranges that are passed on have the values of their segment, and the SH that were read") {
   Scene scene = random_scene(100'000, 2, 30, 9);
   std::fill(scene.gaussians.radius.begin(), scene.gaussians.radius.end(), 60.0f);
-  // Quantised primitives have different SH degrees, so these are passed on without SH alone.
+  // Quantised primitives have different SH degrees.
   for (const auto& [profile, with_sh] :
-       {std::pair(Profile::kLossless, true), std::pair(Profile::kQuantised, false)}) {
+       {std::pair(Profile::kLossless, true), std::pair(Profile::kQuantised, true),
+        std::pair(Profile::kQuantised, false)}) {
     WriteSettings settings;
     settings.profile = profile;
     const auto bytes = encode_scene(scene, settings);
@@ -125,27 +127,11 @@ TEST_CASE("ranges that are passed on have the values of their segment, and the S
         primitives += range.size();
         ++ranges;
       };
-      const auto rest = (*reader)->decode_ranges(s, with_sh, origin, visit);
-      REQUIRE(rest.ok());
-      CHECK_FALSE(rest->has_value());
+      CHECK((*reader)->decode_ranges(s, with_sh, origin, visit).ok());
     }
     CHECK(primitives == (*reader)->primitives());
     CHECK(ranges > (*reader)->segments().size());
   }
-}
-
-TEST_CASE("a segment of primitives with different SH degrees is not passed on in ranges") {
-  const auto bytes = encode_scene(long_segment(), WriteSettings());
-  REQUIRE(bytes.ok());
-  const auto reader = SceneReader::open(memory_source(*bytes));
-  REQUIRE(reader.ok());
-  const auto visit = [](const Gaussians4D&, std::size_t) { FAIL("passed on"); };
-  const auto rest = (*reader)->decode_ranges(0, true, TimeOrigin::kPart, visit);
-  REQUIRE(rest.ok());
-  REQUIRE(rest->has_value());
-  const auto set = (*reader)->decode(0, true);
-  REQUIRE(set.ok());
-  CHECK((*rest)->sh == set->sh);
 }
 
 TEST_CASE("damage in any range of a segment is an error of the segment") {

@@ -12,6 +12,13 @@ using N = IssueNumber;
 
 }  // namespace
 
+void DecodedRows::skip(std::size_t count) {
+  for (std::vector<Plane>& of_row : planes) {
+    for (Plane& plane : of_row)
+      if (plane.symbols != nullptr) plane.symbols += count;
+  }
+}
+
 RecordDecoder::RecordDecoder(const SegmentRecord& record, const FileHead& head,
                              std::uint32_t ordinal, Findings& findings)
     : record_(record),

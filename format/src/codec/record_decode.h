@@ -32,6 +32,9 @@ struct DecodedRows {
   std::vector<std::uint8_t*> areas;         // by row of a group: its planes in `symbols`
   std::vector<std::vector<Plane>> planes;   // by row
   ShMembers members;                        // set by decode() if sh_degree is among the rows
+
+  // Moves the beginning of all planes by `count` symbols.
+  void skip(std::size_t count);
 };
 
 // Decodes the units of one record. Everything passed to the constructor must outlive it, and it

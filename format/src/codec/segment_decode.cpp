@@ -6,6 +6,7 @@
 #include <memory>
 #include <optional>
 
+#include "codec/partial_band.h"
 #include "codec/record_decode.h"
 #include "codec/values.h"
 #include "container/segment.h"
@@ -14,9 +15,10 @@ namespace stgs {
 namespace {
 
 using N = IssueNumber;
-// Memory of a range that is only checked, on all threads, and of a range that is passed to a
-// visitor, on one thread, where it stays in the cache.
-constexpr std::uint64_t kCheckedMemory = 4 << 20, kPassedMemory = 1 << 20;
+// Memory of primitives that are only checked, on all threads, and of those that are passed to a
+// visitor, on one thread, where they stay in the cache.
+constexpr std::uint64_t kCheckedMemory = 4 << 20, kPassedMemory = 512 << 10;
+constexpr std::size_t kWindowGroup = 256;  // windows have a multiple of these primitives
 
 Step log_scale_step(const Layout& layout) {
   for (const StreamRow& row : layout.streams) {
@@ -93,57 +95,42 @@ void map_all(const std::vector<StreamTask>& tasks, const SegmentContext& context
   checks.report(ordinal, entry.offset, findings);
 }
 
-constexpr AttributeBits kBandAttributes = attribute_bit(Attribute::kSh1) |
-                                          attribute_bit(Attribute::kSh2) |
-                                          attribute_bit(Attribute::kSh3);
 constexpr Attribute kBands[] = {Attribute::kSh1, Attribute::kSh2, Attribute::kSh3};
 
-// How RangeDecoder decodes: the memory of a range, and whether the bands of SH are decoded together
-// with the attributes below sh1.
-struct RangePlan {
-  TimeOrigin origin = TimeOrigin::kRecord;
-  std::uint64_t memory = kCheckedMemory;
-  bool bands_together = false;
-};
-
-// Decodes the records of a segment range by range. The attributes below sh1 are decoded together,
-// then each band of SH, of those primitives that have it.
+// Decodes the records of a segment to planes, range by range, and maps these window by window: the
+// attributes that all primitives have, and then the bands of SH that only some have.
 class RangeDecoder {
  public:
+  // `memory`: bytes of a window. Ranges are windows of whole blocks.
   RangeDecoder(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
-               const RangePlan& plan, Findings& findings)
-      : plan_(plan),
-        head_(head),
+               TimeOrigin origin, std::uint64_t memory, Findings& findings)
+      : head_(head),
         ordinal_(ordinal),
+        memory_(memory),
         findings_(findings),
         decoders_(open_records(records, head, ordinal, findings)),
-        rows_(decoders_.size()),
-        good_(decoders_.size(), true) {
-    if (!decoders_.empty()) context_ = context_of(records, head, ordinal, plan.origin);
-    set_.sh_degree = plan.bands_together ? greatest_band() : head.metadata.sh_degree;
-  }
-
-  // Returns whether all primitives have values of each band of SH, or none has.
-  bool bands_are_complete() const {
-    const std::uint32_t n = head_.segment(ordinal_).base.primitives;
-    return std::all_of(std::begin(kBands), std::end(kBands), [&](Attribute band) {
-      return symbols_of(band) == 0 || symbols_of(band) == n;
-    });
+        records_(decoders_.size()) {
+    set_.sh_degree = 0;
+    if (!decoders_.empty()) context_ = context_of(records, head, ordinal, origin);
+    for (std::size_t d = 0; d < decoders_.size(); ++d) find_bands(d);
   }
 
   // Call it if there are no errors so far.
   void decode(const RangeVisitor& visit) {
     const IndexEntry& entry = head_.segment(ordinal_).base;
-    decode_together(plan_.bands_together ? kAllAttributes : ~kBandAttributes, entry.primitives,
-                    visit);
-    for (const Attribute band : kBands) {
-      if (plan_.bands_together) break;
-      for (const RecordDecoder& decoder : decoders_)
-        decode_together(attribute_bit(band), decoder.symbols_of(band), nullptr);
+    const std::size_t n = entry.primitives, window = window_size();
+    const std::size_t range = std::max<std::size_t>(1, window / kRansBlock) * kRansBlock;
+    for (std::size_t begin = 0; begin < n; begin += range) {
+      const std::size_t end = std::min(begin + range, n);
+      decode_range(begin, end);
+      for (std::size_t first = begin; first < end; first += window)
+        map_window(first, std::min(first + window, end), visit);
     }
     for (std::size_t d = 0; d < decoders_.size(); ++d) {
-      const bool degrees = good_[d] && decoders_[d].degree_row() != nullptr;
-      good_[d] = good_[d] && (!degrees || decoders_[d].check_degrees(greatest_, counts_));
+      Record& record = records_[d];
+      const bool degrees = record.good && decoders_[d].degree_row() != nullptr;
+      record.good =
+          record.good && (!degrees || decoders_[d].check_degrees(record.greatest, record.counts));
     }
     if (!all_good()) return;
     report_out_of_range(out_of_range_, ordinal_, entry.offset, findings_);
@@ -151,86 +138,115 @@ class RangeDecoder {
   }
 
  private:
-  // Returns the primitives that have values of a band, in the record with the most.
-  std::uint32_t symbols_of(Attribute band) const {
-    std::uint32_t out = 0;
-    for (const RecordDecoder& decoder : decoders_) out = std::max(out, decoder.symbols_of(band));
-    return out;
-  }
+  // What was decoded of a record.
+  struct Record {
+    AttributeBits together = kAllAttributes;     // those that all primitives have
+    std::vector<PartialBand> bands;              // the others
+    DecodedRows rows;                            // of those that are together, from the window on
+    ShMembers members;                           // of the window, if there are `bands`
+    bool good = true;                            // no damage was found
+    std::uint32_t greatest = 0;                  // SH degree
+    std::array<std::size_t, kShBands> counts{};  // of primitives with at least such a degree
+  };
 
-  // Returns the greatest SH degree that has values.
-  int greatest_band() const {
-    int out = 0;
+  // Sets what the primitives of a record have, and raises the SH degree of the set to it.
+  void find_bands(std::size_t d) {
     for (const Attribute band : kBands) {
-      if (symbols_of(band) > 0) out = band_of(band);
+      const std::uint32_t symbols = decoders_[d].symbols_of(band);
+      if (symbols == 0) continue;
+      set_.sh_degree = std::max(set_.sh_degree, std::min(band_of(band), head_.metadata.sh_degree));
+      if (symbols == head_.segment(ordinal_).base.primitives) continue;
+      records_[d].bands.emplace_back(decoders_[d], band);
+      records_[d].together &= ~attribute_bit(band);
     }
-    return std::min(out, head_.metadata.sh_degree);
   }
 
   bool all_good() const {
-    return std::all_of(good_.begin(), good_.end(), [](bool good) { return good; });
+    return std::all_of(records_.begin(), records_.end(), [](const Record& r) { return r.good; });
   }
 
-  // Returns the values of each range, of the attributes with this many floats per primitive.
-  std::size_t range_size(AttributeBits attributes) const {
-    std::uint64_t bytes = 4 * floats_per_primitive(head_.metadata.sh_degree);
-    for (const RecordDecoder& decoder : decoders_) bytes += decoder.symbol_bytes(attributes);
-    return std::max<std::size_t>(1, plan_.memory / (kRansBlock * bytes)) * kRansBlock;
+  // Returns the primitives of a window.
+  std::size_t window_size() const {
+    std::uint64_t bytes = 4 * floats_per_primitive(set_.sh_degree);
+    for (std::size_t d = 0; d < decoders_.size(); ++d)
+      bytes += decoders_[d].symbol_bytes(records_[d].together);
+    const std::size_t group = memory_ / bytes < kRansBlock ? kWindowGroup : kRansBlock;
+    return std::max<std::size_t>(1, memory_ / (group * bytes)) * group;
   }
 
-  // Decodes n values of each of these attributes.
-  void decode_together(AttributeBits attributes, std::size_t n, const RangeVisitor& visit) {
-    const std::size_t size = range_size(attributes);
-    std::vector<Carries> carries;
-    for (std::size_t begin = 0; begin < n; begin += size) {
-      const DecodeRange range{attributes, begin, std::min(begin + size, n)};
-      std::vector<StreamTask> tasks;
-      for (std::size_t d = 0; d < decoders_.size(); ++d) {
-        good_[d] = good_[d] && decoders_[d].decode_range(range, rows_[d]);
-        if (!good_[d]) continue;
-        decoders_[d].add_tasks(attributes, rows_[d], tasks);
-        add_degrees(d, range);
-      }
-      if (!all_good()) continue;  // the others can have further errors
-      if (begin == 0) carries = first_carries(tasks, context_);
-      map(tasks, range, carries, visit);
+  // Decodes the planes of primitives [begin, end). After damage of a record, those of the others
+  // are still decoded.
+  void decode_range(std::size_t begin, std::size_t end) {
+    for (std::size_t d = 0; d < decoders_.size(); ++d) {
+      Record& record = records_[d];
+      record.good =
+          record.good && decoders_[d].decode_range({record.together, begin, end}, record.rows);
     }
   }
 
-  // Adds the SH degrees of a range to those found.
-  void add_degrees(std::size_t d, const DecodeRange& range) {
+  // Maps and checks primitives [begin, end), unless there is damage.
+  void map_window(std::size_t begin, std::size_t end, const RangeVisitor& visit) {
+    std::vector<StreamTask> tasks;
+    for (std::size_t d = 0; d < decoders_.size(); ++d) {
+      Record& record = records_[d];
+      if (!record.good) continue;
+      decoders_[d].add_tasks(record.together, record.rows, tasks);
+      add_degrees(d, end - begin);
+    }
+    bool renderable = !all_good() || map_together(tasks, begin, end);
+    for (Record& record : records_) {
+      for (PartialBand& band : record.bands)
+        record.good = record.good && decode_band(band, record.members, end - begin, renderable);
+      record.rows.skip(end - begin);
+    }
+    if (!all_good()) return;
+    if (!renderable) checks_.add(set_, kAllAttributes, begin, end - begin);
+    if (visit) visit(set_, begin);
+  }
+
+  // Adds the SH degrees of a window of n primitives to those found.
+  void add_degrees(std::size_t d, std::size_t n) {
     const StreamRow* const row = decoders_[d].degree_row();
-    if (row == nullptr || (range.attributes & attribute_bit(Attribute::kShDegree)) == 0) return;
-    const auto n = static_cast<std::uint32_t>(range.end - range.begin);
-    const ShDegrees degrees(*row, decoders_[d].planes_of(*row, rows_[d]), n);
-    greatest_ = std::max(greatest_, degrees.greatest());
-    for (std::size_t k = 0; k < kShBands; ++k) counts_[k] += degrees.counts()[k];
+    if (row == nullptr) return;
+    Record& record = records_[d];
+    const ShDegrees degrees(*row, decoders_[d].planes_of(*row, record.rows),
+                            static_cast<std::uint32_t>(n));
+    record.greatest = std::max(record.greatest, degrees.greatest());
+    for (std::size_t k = 0; k < kShBands; ++k) record.counts[k] += degrees.counts()[k];
+    if (!record.bands.empty()) record.members = degrees.members();
   }
 
-  void map(const std::vector<StreamTask>& tasks, const DecodeRange& range,
-           std::vector<Carries>& carries, const RangeVisitor& visit) {
-    const std::size_t n = range.end - range.begin;
+  // Maps the attributes that all primitives of a window have. Returns whether all are renderable.
+  bool map_together(const std::vector<StreamTask>& tasks, std::size_t begin, std::size_t end) {
+    if (begin == 0) carries_ = first_carries(tasks, context_);
     set_.time_origin = context_.time_origin;
-    set_.resize(n);
-    const MapResult result = map_streams(tasks, context_, n, set_, carries);
+    set_.resize(end - begin);
+    const MapResult result = map_streams(tasks, context_, end - begin, set_, carries_);
     out_of_range_ |= out_of_range(tasks, result);
-    if (!result.renderable) checks_.add(set_, range.attributes, range.begin, n);
-    if (visit) visit(set_, range.begin);
+    return result.renderable;
   }
 
-  const RangePlan plan_;
+  // Decodes a band of the n primitives of a window, and maps it unless there is damage.
+  bool decode_band(PartialBand& band, const ShMembers& members, std::size_t n, bool& renderable) {
+    const auto k = static_cast<std::size_t>(band_of(band.attribute()) - 1);
+    bool in_range = true;
+    const bool good =
+        band.decode(members[k], context_, n, all_good() ? &set_ : nullptr, in_range, renderable);
+    if (!in_range) out_of_range_ |= attribute_bit(band.attribute());
+    return good;
+  }
+
   const FileHead& head_;
   const std::uint32_t ordinal_;
+  const std::uint64_t memory_;
   Findings& findings_;
   std::vector<RecordDecoder> decoders_;
-  std::vector<DecodedRows> rows_;
-  std::vector<bool> good_;  // by decoder
+  std::vector<Record> records_;  // by decoder
   SegmentContext context_;
-  Gaussians4D set_;  // of a range
+  std::vector<Carries> carries_;  // of the attributes that are together
+  Gaussians4D set_;               // of a window
   AttributeBits out_of_range_ = 0;
   PrimitiveChecks checks_;
-  std::uint32_t greatest_ = 0;                  // SH degree
-  std::array<std::size_t, kShBands> counts_{};  // of primitives with at least such a degree
 };
 
 }  // namespace
@@ -284,18 +300,17 @@ bool decode_segment(const SegmentRecords& records, const FileHead& head, std::ui
 bool pass_ranges(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
                  TimeOrigin origin, const RangeVisitor& visit, Findings& findings) {
   Findings found;
-  const RangePlan plan{origin, kPassedMemory, true};
-  RangeDecoder decoder(records, head, ordinal, plan, found);
-  const bool is_possible = decoder.bands_are_complete();
-  if (found.ok() && is_possible) decoder.decode(visit);
+  RangeDecoder decoder(records, head, ordinal, origin, kPassedMemory, found);
+  if (found.ok()) decoder.decode(visit);
+  const bool good = found.ok();
   findings.append(std::move(found));
-  return is_possible;
+  return good;
 }
 
 bool decode_ranges(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
                    const RangeVisitor& visit, DecodingWork& work, Findings& findings) {
   Findings found;
-  RangeDecoder decoder(records, head, ordinal, RangePlan(), found);
+  RangeDecoder decoder(records, head, ordinal, TimeOrigin::kRecord, kCheckedMemory, found);
   const std::uint64_t needed = decoded_values(records, head, ordinal);
   if (found.ok() && needed > work.values) {
     work.is_refused = true;

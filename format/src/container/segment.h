@@ -108,14 +108,13 @@ struct DecodingWork {
 
 // Makes the checks of decode_segment() for all attributes, and returns the same, but decodes a
 // range of primitives after the other: 4 MiB of them at a time, positions of Draco excepted.
-// `visit` receives them complete but for SH above degree 0, with time_origin as
+// `visit` receives them with SH up to the greatest degree of the records and with time_origin as
 // TimeOrigin::kRecord. Reduces `work` by decoded_values(), or refuses the segment with the error
 // kMemoryLimit.
 bool decode_ranges(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
                    const RangeVisitor& visit, DecodingWork& work, Findings& findings);
-// Decodes all attributes and makes the checks of decode_segment(), but passes the primitives to
-// `visit` range by range, with SH up to the greatest degree of the records. Returns false, and does
-// nothing, if primitives have different SH degrees.
+// As decode_segment() for all attributes, but passes the primitives to `visit` range by range, with
+// SH up to the greatest degree of the records.
 bool pass_ranges(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
                  TimeOrigin origin, const RangeVisitor& visit, Findings& findings);
 

@@ -199,16 +199,13 @@ Result<Gaussians4D> SceneReader::decode(std::uint32_t segment, bool with_sh,
   return state_->decode(segment, with_sh, kAllAttributes, origin);
 }
 
-Result<std::optional<Gaussians4D>> SceneReader::decode_ranges(std::uint32_t segment, bool with_sh,
-                                                              TimeOrigin origin,
-                                                              const RangeVisitor& visit) const {
-  const auto pass = [&](const auto& records, const auto& head, auto ordinal, auto& rest,
+Status SceneReader::decode_ranges(std::uint32_t segment, bool with_sh, TimeOrigin origin,
+                                  const RangeVisitor& visit) const {
+  const auto pass = [&](const auto& records, const auto& head, auto ordinal, auto&,
                         auto& findings) {
-    if (pass_ranges(records, head, ordinal, origin, visit, findings)) return;
-    decode_segment(records, head, ordinal, kAllAttributes, origin, rest.emplace(state_->memory),
-                   findings);
+    pass_ranges(records, head, ordinal, origin, visit, findings);
   };
-  return state_->with_records(segment, with_sh, pass, std::optional<Gaussians4D>());
+  return state_->with_records(segment, with_sh, pass, true).status();
 }
 
 Result<Placement> SceneReader::decode_placement(std::uint32_t segment) const {

@@ -168,10 +168,11 @@ class HttpSource::Impl {
     STGS_TRY(check_outage());
     Deadline deadline(settings_);  // the wait does not count
     std::size_t done = 0;
+    Attempt refused;  // the last one without a connection
     for (int failures = 0;;) {
       const Snapshot expected = snapshot();
-      const Attempt attempt = lease.get()->get(offset + done, out.subspan(done), deadline,
-                                               done == 0 ? known : KnownTag{}, should_continue);
+      Attempt attempt = lease.get()->get(offset + done, out.subspan(done), deadline,
+                                         done == 0 ? known : KnownTag{}, should_continue);
       done += attempt.received;
       count(attempt);
       if (attempt.outcome == Attempt::Outcome::kStopped) return stopped();
@@ -193,6 +194,9 @@ class HttpSource::Impl {
         failure = {attempt.code, fmt::format("{}: {}", name_, attempt.reason)};
         begin_outage(failure, deadline.elapsed());
       } else {
+        // An attempt that lacks the time to connect states less than one that was refused before.
+        if (attempt.unreachable) refused = attempt;
+        if (attempt.origin.empty() && refused.unreachable) attempt = refused;
         failures = attempt.progressed ? 1 : failures + 1;
         const double pause = pause_after(failures, attempt);
         const bool has_time = pause < deadline.remaining();

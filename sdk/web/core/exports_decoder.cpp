@@ -7,6 +7,7 @@
 
 #include <fmt/format.h>
 #include "export.h"
+#include "page.h"
 #include "part_decoder.h"
 
 namespace {
@@ -14,7 +15,18 @@ namespace {
 using namespace stgs;
 
 std::unique_ptr<web::PartDecoder> decoder;
-const web::PartDecoder::Part* part = nullptr;
+
+// Passes parts to the host.
+class HostParts final : public web::PartDecoder::Parts {
+ public:
+  void begin(std::uint32_t first, std::uint32_t count, std::uint64_t bytes) override {
+    stgs_host_part(first, count, static_cast<std::uint32_t>(bytes));
+  }
+  void fill(std::uint64_t offset, std::span<const std::uint8_t> bytes) override {
+    stgs_host_fill(static_cast<std::uint32_t>(offset), bytes.data(),
+                   static_cast<std::uint32_t>(bytes.size()));
+  }
+};
 
 std::string status_json(const Status& status) {
   return fmt::format(R"({{"code":{},"message":{}}})", static_cast<int>(status.code()),
@@ -46,26 +58,16 @@ STGS_EXPORT const char* stgs_decoder_open() {
 STGS_EXPORT void* stgs_decoder_segment() {
   return &decoder->segment();
 }
-// Decodes it. Returns {"origin": ticks, "base": status, "sh": status}, as DecodeResult.
+// Decodes it, and passes its parts to the host. Returns {"origin": ticks, "base": status, "sh":
+// status}, as DecodeResult.
 STGS_EXPORT const char* stgs_decoder_decode(bool with_sh) {
   Status base, sh;
   try {
-    base = decoder->decode(with_sh, sh);
+    HostParts parts;
+    base = decoder->decode(with_sh, parts, sh);
   } catch (const std::exception& e) {
     base = Status(code_of(e), e.what());
   }
   return web::give(fmt::format(R"({{"origin":{},"base":{},"sh":{}}})", decoder->time_origin(),
                                status_json(base), status_json(sh)));
-}
-// Moves on to the next part of the decoded segment and returns its primitives; 0: there is none.
-STGS_EXPORT std::uint32_t stgs_decoder_next() {
-  part = decoder->next_part();
-  return part == nullptr ? 0 : part->primitives;
-}
-// The packed part.
-STGS_EXPORT std::uint32_t stgs_decoder_bytes() {
-  return static_cast<std::uint32_t>(part->packed.size());
-}
-STGS_EXPORT const std::uint8_t* stgs_decoder_packed() {
-  return part->packed.data();
 }

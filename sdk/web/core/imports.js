@@ -4,4 +4,6 @@ mergeInto(LibraryManager.library, {
   stgs_host_read: function () {},
   stgs_host_cancel: function () {},
   stgs_host_decode: function () {},
+  stgs_host_part: function () {},
+  stgs_host_fill: function () {},
 });

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The functions of the host that the WASM core calls (CoreHost in sdk/web/src/core/module.ts).
+// The functions of the host that the WASM core calls (HostFunctions in sdk/web/src/core/instance.ts).
 // Offsets in a file are doubles, which are exact below 2^53.
 #pragma once
 
@@ -17,4 +17,7 @@ void stgs_host_cancel(std::uint32_t id);
 void stgs_host_decode(std::uint32_t id, const std::uint8_t* segment, std::uint32_t segment_bytes,
                       bool with_sh, double offset, const std::uint8_t* base, std::uint32_t bytes,
                       double sh_offset, const std::uint8_t* sh, std::uint32_t sh_bytes);
+// The functions of PartDecoder::Parts, for the segment that is decoded. The host copies the bytes.
+void stgs_host_part(std::uint32_t first, std::uint32_t count, std::uint32_t bytes);
+void stgs_host_fill(std::uint32_t offset, const std::uint8_t* from, std::uint32_t bytes);
 }

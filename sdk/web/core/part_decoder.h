@@ -7,6 +7,7 @@
 #include <memory>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "provided_source.h"
 #include "stgs/format/listed_segment.h"
@@ -18,10 +19,17 @@ namespace stgs::web {
 // that instance, from the bytes of their records. One thread.
 class PartDecoder {
  public:
-  // A part of a segment: consecutive primitives.
-  struct Part {
-    std::uint32_t primitives = 0;
-    std::span<const std::uint8_t> packed;  // as packed_segment.h states
+  // Receives a segment in parts: consecutive primitives, packed as packed_segment.h states.
+  class Parts {
+   public:
+    // Begins a part of primitives [first, first + count), which take `bytes`. The one with `first`
+    // = 0 replaces all parts before it.
+    virtual void begin(std::uint32_t first, std::uint32_t count, std::uint64_t bytes) = 0;
+    // Receives bytes of this part from `offset` on; all of them are passed once.
+    virtual void fill(std::uint64_t offset, std::span<const std::uint8_t> bytes) = 0;
+
+   protected:
+    ~Parts() = default;
   };
 
   // `max_memory`: bytes for decoding a segment (ReadLimits).
@@ -33,38 +41,34 @@ class PartDecoder {
   Status open();
   // The segment to decode.
   ListedSegment& segment() { return segment_; }
-  // Decodes the segment as player::decode_to_render() does, after open() has succeeded.
-  Status decode(bool with_sh, Status& sh);
+  // Decodes the segment as player::decode_to_render() does, after open() has succeeded, and passes
+  // its parts, from the first one again if only its SH are damaged. After an error, they are
+  // invalid.
+  Status decode(bool with_sh, Parts& parts, Status& sh);
   // The time from which the times of the decoded segment count, ticks of its part.
   double time_origin() const { return time_origin_; }
-  // Returns the next part of the decoded segment, valid until the next call; null after the last
-  // one.
-  const Part* next_part();
 
  private:
   // Primitives of a part: its packed data take at most 11 MB.
   static constexpr std::uint32_t kPartPrimitives = 1 << 16;
 
   // Decodes the records of the segment and packs its primitives.
-  Status fill(bool with_sh);
-  // Packs `set`: the primitives of a segment of n from number `begin` on.
-  void pack_range(const Gaussians4D& set, std::size_t begin, std::uint32_t n);
-  // Allocates uninitialised memory for packed primitives.
-  void allocate(std::size_t bytes);
-  // Bytes of the parts before primitive `begin`, a multiple of kPartPrimitives.
-  std::size_t bytes_before(std::size_t begin) const;
+  Status decode_records(bool with_sh, Parts& parts);
+  // Packs `set`: the primitives of a segment of n from number `begin` on, a multiple of
+  // player::kPackedGroup.
+  void pack_range(const Gaussians4D& set, std::size_t begin, std::uint32_t n, Parts& parts);
+  // Packs `count` primitives of `set` from `first` on to entries of the part in progress, of
+  // `total` primitives, from `entry` on.
+  void pack(const Gaussians4D& set, std::size_t first, std::uint32_t count, std::uint32_t total,
+            std::uint32_t entry, Parts& parts);
 
   ReadLimits limits_;
   std::unique_ptr<ProvidedSource> opening_;  // until open()
   ProvidedSource* provided_;
   std::unique_ptr<SceneReader> reader_;
   ListedSegment segment_;
-  Gaussians4D set_;                          // of a segment that is not packed yet; else empty
-  std::unique_ptr<std::uint8_t[]> packed_;   // the parts of the segment, or the last one of set_
-  std::size_t capacity_ = 0;                 // bytes
-  std::uint32_t primitives_ = 0, next_ = 0;  // of the segment, and the first of the next part
+  std::vector<std::uint8_t> packed_;  // of pack()
   double time_origin_ = 0;
-  Part part_;
 };
 
 }  // namespace stgs::web

@@ -296,13 +296,11 @@ class SceneReader {
   // precision: at 2^k ticks, by up to 2^(k-24) ticks.
   Result<Gaussians4D> decode(std::uint32_t segment, bool with_sh,
                              TimeOrigin origin = TimeOrigin::kPart) const;
-  // Decodes as decode() does, but passes ranges that fit the CPU's cache to `visit`, with SH up to
-  // the greatest degree that was read, and returns an empty set. If primitives have different SH
-  // degrees, it passes no ranges and returns all primitives. After an error, the ranges are
-  // invalid.
-  Result<std::optional<Gaussians4D>> decode_ranges(std::uint32_t segment, bool with_sh,
-                                                   TimeOrigin origin,
-                                                   const RangeVisitor& visit) const;
+  // Decodes as decode() does, but passes the primitives to `visit` range by range, each small enough
+  // for the CPU's cache, with SH up to the greatest degree that was read. After an error, the ranges
+  // are invalid.
+  Status decode_ranges(std::uint32_t segment, bool with_sh, TimeOrigin origin,
+                       const RangeVisitor& visit) const;
   // Decodes the positions and times of one segment alone, in a fraction of the time: enough to sort
   // its primitives.
   Result<Placement> decode_placement(std::uint32_t segment) const;

@@ -21,7 +21,14 @@ export interface HostImports {
   stgs_host_cancel(id: number): void;
   stgs_host_decode(id: number, segment: number, segmentBytes: number, withSh: number, offset: number, base: number,
                    bytes: number, shOffset: number, sh: number, shBytes: number): void;
+  stgs_host_part(first: number, count: number, bytes: number): void;
+  stgs_host_fill(offset: number, from: number, bytes: number): void;
 }
+
+const unused = () => undefined;
+const UNUSED: HostImports = {
+  stgs_host_read: unused, stgs_host_cancel: unused, stgs_host_decode: unused, stgs_host_part: unused, stgs_host_fill: unused,
+};
 
 interface MemoryExports {
   memory: WebAssembly.Memory;
@@ -34,9 +41,9 @@ interface MemoryExports {
 export class Instance<Exports> {
   private constructor(private readonly base: MemoryExports, readonly exports: Exports) {}
 
-  /** Instantiates a compiled module. */
-  static async create<Exports>(module: WebAssembly.Module, host: HostImports): Promise<Instance<Exports>> {
-    const env = { ...host, emscripten_notify_memory_growth: () => undefined };
+  /** Instantiates a compiled module. `host`: the functions that it calls in this use. */
+  static async create<Exports>(module: WebAssembly.Module, host: Partial<HostImports>): Promise<Instance<Exports>> {
+    const env = { ...UNUSED, ...host, emscripten_notify_memory_growth: () => undefined };
     let memory: WebAssembly.Memory | undefined;
     const system = {
       // Writes nanoseconds of a monotonic clock.

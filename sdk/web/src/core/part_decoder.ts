@@ -26,22 +26,23 @@ interface Exports {
   stgs_decoder_open(): number;
   stgs_decoder_segment(): number;
   stgs_decoder_decode(withSh: number): number;
-  stgs_decoder_next(): number;
-  stgs_decoder_bytes(): number;
-  stgs_decoder_packed(): number;
 }
-
-const unused = () => undefined;
 
 /** Decodes segments of one file. */
 export class PartDecoder {
+  private parts: Part[] = []; // of the segment that is decoded
+  private words = new Uint8Array(0); // of the last part
+
   private constructor(private readonly instance: Instance<Exports>) {}
 
   /** Opens a file. Rejects with a message if that fails. */
   static async open(request: Extract<DecoderRequest, { type: "open" }>): Promise<PartDecoder> {
-    const host = { stgs_host_read: unused, stgs_host_cancel: unused, stgs_host_decode: unused };
-    const own = new PartDecoder(await Instance.create<Exports>(request.module, host));
-    const { instance } = own;
+    let own: PartDecoder | undefined;
+    const instance = await Instance.create<Exports>(request.module, {
+      stgs_host_part: (first, count, bytes) => own!.addPart(first >>> 0, count >>> 0, bytes >>> 0),
+      stgs_host_fill: (offset, from, bytes) => own!.fillPart(offset >>> 0, from, bytes >>> 0),
+    });
+    own = new PartDecoder(instance);
     instance.withTexts([request.name], (name) =>
       instance.exports.stgs_decoder_create(name, request.fileBytes, request.maxMemory));
     own.provide(request.pieces);
@@ -56,17 +57,24 @@ export class PartDecoder {
     this.provide(job.records);
     this.instance.bytes(e.stgs_decoder_segment(), job.segment.byteLength).set(new Uint8Array(job.segment));
     const status = JSON.parse(this.instance.text(e.stgs_decoder_decode(job.withSh ? 1 : 0))) as DecodeStatus;
-    const parts: Part[] = [];
-    for (let primitives = e.stgs_decoder_next() >>> 0; primitives !== 0; primitives = e.stgs_decoder_next() >>> 0) {
-      const words = this.instance.copy(e.stgs_decoder_packed(), e.stgs_decoder_bytes() >>> 0);
-      parts.push({ primitives, words });
-    }
+    const parts = status.base.code === 0 ? this.parts : [];
+    this.parts = [];
     return { status, parts };
   }
 
   /** Bytes of the module's memory. */
   get memoryBytes(): number {
     return this.instance.memoryBytes;
+  }
+
+  private addPart(first: number, primitives: number, bytes: number): void {
+    if (first === 0) this.parts = [];
+    this.words = new Uint8Array(bytes);
+    this.parts.push({ primitives, words: this.words.buffer as ArrayBuffer });
+  }
+
+  private fillPart(offset: number, from: number, bytes: number): void {
+    this.words.set(this.instance.bytes(from, bytes), offset);
   }
 
   private provide(pieces: FilePiece[]): void {

@@ -26,15 +26,13 @@ interface Scope {
 const MAX_BYTES = 2 ** 30;
 const NO_MEMORY = "the model needs more memory than the browser gives it; use 'stgs convert'";
 
-const unused = () => undefined;
-
 /** Instantiates the module, which lies next to this script. */
 async function load(): Promise<Instance<Exports>> {
   const url = new URL("./stgs-import.wasm", import.meta.url);
   const response = await fetch(url);
   if (!response.ok) throw new Error(`${url.pathname}: status ${response.status}; copy stgs-import.wasm next to stgs-import.js`);
   const module = await WebAssembly.compile(await response.arrayBuffer());
-  return Instance.create<Exports>(module, { stgs_host_read: unused, stgs_host_cancel: unused, stgs_host_decode: unused });
+  return Instance.create<Exports>(module, {});
 }
 
 async function convert(file: File): Promise<ImportReply> {
