@@ -25,10 +25,10 @@ from display import Display  # noqa: E402
 BLOCK = re.compile(r"(<!-- not run: .+? -->\n+)?```sh\n(.*?)```", re.DOTALL)
 # Enough to check that a command works, not to judge its result.
 SHORTENED = {
-    "prepare": ["--scale", "0.25", "--frames", "0:6"],
+    "prepare": ["--scale", "0.15", "--frames", "0:3"],
     "train": ["--iterations", "20"],
     "play": ["--screenshot", "window.png", "--size", "320x180"],
-    "encode": ["--scale", "0.25", "--frames", "0:6", "--iterations", "20"],
+    "encode": ["--scale", "0.15", "--frames", "0:3", "--iterations", "20"],
 }
 
 
