@@ -71,6 +71,10 @@ class Server(CliTest):
         finally:
             connection.close()
 
+    def add_audio(self, location, name="loud.stgs"):
+        """Adds a scene that names an audio file to the folder."""
+        self.succeeds("pack", self.scene, "-o", "scenes/" + name, "--audio", location, "--log-level", "error")
+
     def raw(self, request):
         """Sends bytes; returns all that is answered until the server ends the connection."""
         with socket.create_connection(("127.0.0.1", self.port), TIMEOUT) as client:
@@ -172,6 +176,34 @@ class Files(Server):
         server.terminate()
         self.assertIn("warning: ", server.stderr.read())
 
+    def test_the_audio_file_of_the_scene_is_served(self):
+        self.add_audio("a%20b.mp3")
+        audio = bytes(range(256)) * 20
+        self.write("scenes/a b.mp3", audio)
+        self.write("scenes/other.mp3", b"secret")
+        server, _ = self.start("scenes/loud.stgs")
+        whole = self.ask("/scenes/a%20b.mp3")
+        self.assertEqual((whole.status, whole["Content-Type"], whole.body), (200, "audio/mpeg", audio))
+        part = self.ask("/scenes/a%20b.mp3", Range="bytes=100-199")
+        self.assertEqual((part.status, part["Content-Range"], part.body), (206, "bytes 100-199/5120", audio[100:200]))
+        head = self.ask("/scenes/a%20b.mp3", "HEAD")
+        self.assertEqual((head["Content-Length"], head["Accept-Ranges"]), ("5120", "bytes"))
+        for name in ("other.mp3", "a%20b.mp3/", "./a%20b.mp3", "x/../a%20b.mp3", "tiny.stgs", "a%20b.MP3"):
+            self.assertEqual(self.ask("/scenes/" + name).status, 404, name)
+        self.add_audio("other.mp3")  # the file that is served is replaced
+        self.assertEqual(self.ask("/scenes/a%20b.mp3").status, 404)
+        self.assertEqual(self.ask("/scenes/other.mp3").body, b"secret")
+        server.terminate()
+        self.assertNotIn("warning", server.stderr.read())
+
+    def test_a_missing_audio_file_is_reported(self):
+        self.add_audio("missing.mp3")
+        server, _ = self.start("scenes/loud.stgs")
+        self.assertEqual(self.ask("/scenes/loud.stgs").status, 200)
+        self.assertEqual(self.ask("/scenes/missing.mp3").status, 404)
+        server.terminate()
+        self.assertRegex(server.stderr.read(), "warning: .*loud.stgs: the page has no sound: .*missing.mp3' does not exist")
+
     def test_the_program_plays_what_it_serves(self):
         if not built_in("http"):
             self.skipTest("http is not built in")
@@ -216,6 +248,27 @@ class Refusals(Server):
             self.assertEqual(self.ask(path).status, 400, path)
         listed = [scene["name"] for scene in json.loads(self.ask("/scenes.json").body)["scenes"]]
         self.assertEqual(listed, ["below/b.stgs", "inside.stgs", "tiny.stgs"])
+
+    def test_only_audio_files_that_scenes_name_are_served(self):
+        self.write("outside.mp3", b"secret")
+        os.makedirs(self.path("scenes", "a", "b"))
+        os.symlink("../outside.mp3", self.path("scenes", "link.mp3"))
+        os.symlink("..", self.path("scenes", "up"))
+        os.symlink("../top.mp3", self.path("scenes", "a", "inner.mp3"))
+        for name in ("top.mp3", "other.mp3", "notes.txt", ".hidden.mp3", "a/song.mp3", "a/b/deep.ogg", "a/b/other.mp3"):
+            self.write("scenes/" + name, name.encode())
+        for i, location in enumerate(("top.mp3", "notes.txt", ".hidden.mp3", "link.mp3", "up/outside.mp3",
+                                      "../outside.mp3", "a/b/deep.ogg", "http://127.0.0.1/other.mp3")):
+            self.add_audio(location, f"{i}.stgs")
+        for i, location in enumerate(("b/../song.mp3", "../other.mp3", "inner.mp3")):
+            self.add_audio(location, f"a/{i}.stgs")
+        self.start("scenes")
+        for name in ("top.mp3", "a/song.mp3", "a/b/deep.ogg"):
+            self.assertEqual(self.ask("/scenes/" + name).body, name.encode())
+        for name in ("notes.txt", ".hidden.mp3", "link.mp3", "up/outside.mp3", "../outside.mp3", "other.mp3",
+                     "a/inner.mp3", "a/b/other.mp3", "deep.ogg", "a/b/../song.mp3", "up/scenes/top.mp3"):
+            with self.subTest(name=name):
+                self.assertEqual(self.ask("/scenes/" + name).status, 404)
 
     def test_methods(self):
         self.start("scenes")

@@ -69,6 +69,70 @@ class Web(CliTest):
                        "http://a.example:80", "https://a.example:", "https://a.example:0443", "https://[::1]:443"):
             self.fails(USAGE, "not an origin", "web", self.scene, "-o", "other", "--bridge", origin)
 
+    def with_audio(self, location):
+        """Returns a scene in the folder `scenes` that names an audio file."""
+        os.makedirs(self.path("scenes"), exist_ok=True)
+        self.succeeds("pack", self.scene, "-o", "scenes/loud.stgs", "--audio", location, "--log-level", "error")
+        return "scenes/loud.stgs"
+
+    def test_the_audio_file_of_the_scene_is_copied(self):
+        scene = self.with_audio("./sound/a/track%201.m4a?v=2")
+        os.makedirs(self.path("scenes", "sound", "a"))
+        self.write("scenes/sound/a/track 1.m4a", b"audio" * 1000)
+        about = self.json_of("web", scene, "-o", "site")
+        self.assertEqual(about["audio"], "sound/a/track 1.m4a")
+        self.assertEqual(self.read("site/sound/a/track 1.m4a"), b"audio" * 1000)
+        self.assertEqual(sorted(os.listdir(self.path("site"))), sorted(FILES + ["sound"]))
+        self.assertEqual(about["bytes"], 5000 + sum(os.path.getsize(self.path("site", name)) for name in FILES))
+        result = self.succeeds("web", scene, "-o", "other")
+        self.assertIn(b"with the audio file sound/a/track 1.m4a (5 kB)", result.stderr)
+        os.remove(self.path("site", "index.html"))
+        for name in FILES[1:]:
+            os.remove(self.path("site", name))
+        self.fails(USAGE, "site/sound/a/track 1.m4a: exists", "web", scene, "-o", "site")
+        self.succeeds("web", scene, "-o", "site", "--overwrite")
+        self.assertIsNone(self.json_of("web", self.scene, "-o", "silent")["audio"])
+
+    def test_a_page_of_one_file_contains_the_audio_file(self):
+        scene = self.with_audio("a.MP3")
+        audio = bytes(range(256)) * 13000  # more than one element
+        self.write("scenes/a.MP3", audio)
+        self.succeeds("web", scene, "-o", "a.html", "--single-file")
+        found = re.findall(r'<script type="text/plain" class="stgs-audio" data-type="audio/mpeg">([^<]*)</script>',
+                           self.read("a.html").decode())
+        self.assertEqual(b"".join(base64.b64decode(part, validate=True) for part in found), audio)
+        self.assertEqual(len(found), 2)
+        os.truncate(self.path("scenes", "a.MP3"), (32 << 20) + 1)
+        result = self.succeeds("web", scene, "-o", "large.html", "--single-file")
+        self.assertRegex(result.stderr.decode(), "^stgs: warning: scenes/loud.stgs: the page has no sound: the audio file "
+                         r"'a.MP3' is too large for a page of one file \(33.6 MB, limit 32 MiB\); [^\n]*\n$")
+        self.assertNotIn(b'class="stgs-audio"', self.read("large.html").split(b'<script type="module">')[0])
+
+    def test_a_site_without_its_audio_file_is_written_with_a_warning(self):
+        self.write("outside.mp3", b"secret")
+        os.mkdir(self.path("scenes"))
+        os.symlink("../outside.mp3", self.path("scenes", "link.mp3"))
+        os.mkdir(self.path("scenes", "folder.mp3"))
+        self.write("scenes/notes.txt", b"secret")
+        self.write("scenes/.hidden.mp3", b"secret")
+        for i, (location, reason) in enumerate((
+                ("missing.mp3", "missing.mp3' does not exist; put it there"),
+                ("../outside.mp3", "not a file in the folder of the scene or below"),
+                ("%2e%2e/outside.mp3", "not a file in the folder of the scene or below"),
+                ("a\\..\\..\\outside.mp3", "not a file in the folder of the scene or below"),
+                (self.path("outside.mp3"), "not a file in the folder of the scene or below"),
+                (".hidden.mp3", "not a file in the folder of the scene or below"),
+                ("link.mp3", "link.mp3' leads out of the folder of the scene"),
+                ("folder.mp3", "folder.mp3' is not a regular file"),
+                ("notes.txt", "not named like an audio file"),
+                ("https://a.example/a.mp3", "is a URL"), ("file:outside.mp3", "is a URL"))):
+            with self.subTest(location=location):
+                result = self.succeeds("web", self.with_audio(location), "-o", f"site{i}")
+                self.assertEqual(sorted(os.listdir(self.path(f"site{i}"))), FILES)
+                warning = result.stderr.decode()
+                self.assertIn(reason, warning)
+                self.assertRegex(warning, r"^stgs: warning: scenes/loud.stgs: the page has no sound: [^\n]*\n$")
+
     def test_existing_outputs_need_a_flag(self):
         self.succeeds("web", self.scene, "-o", "site")
         self.write("site/mine.txt", "kept")

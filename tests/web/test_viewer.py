@@ -16,6 +16,7 @@ import subprocess
 import sys
 import tempfile
 import unittest
+import wave
 import zipfile
 
 HERE = os.path.dirname(os.path.abspath(__file__))
@@ -100,6 +101,17 @@ class Viewer(unittest.TestCase):
         self.assertGreater(values, 50)
         self.assertEqual(self.browser.problems, [])
 
+    def loud(self):
+        """Returns a scene like self.scene that names an audio file, which is next to it."""
+        path = self.path("loud", "kitchen.stgs")
+        if not os.path.exists(path):
+            os.mkdir(self.path("loud"))
+            subprocess.run([MAKE, path, "2000", "2", "0.01", "kitchen.wav"], check=True)
+            with wave.open(self.path("loud", "kitchen.wav"), "wb") as file:
+                file.setparams((1, 1, 8000, 0, "NONE", ""))
+                file.writeframes(bytes([128]) * 16000)
+        return path
+
     def shows_problem(self, text):
         self.wait("!document.getElementById('welcome').hidden")
         self.assertIn(text, self.check("document.getElementById('problem').textContent"))
@@ -116,7 +128,7 @@ class Viewer(unittest.TestCase):
             file.write("<!DOCTYPE html><title>around</title><body></body>")
         around = Server(self.path("around"))
         self.addCleanup(around.close)
-        self.stgs("web", self.scene, "-o", self.path("framed"), "--bridge", around.url.rstrip("/"))
+        self.stgs("web", self.loud(), "-o", self.path("framed"), "--bridge", around.url.rstrip("/"), "--log-level", "error")
         page = self.site.replace("site", "framed")
         self.browser.open(around.url)
         self.check("""addEventListener("message", ({ data, source, origin }) => {
@@ -131,20 +143,25 @@ class Viewer(unittest.TestCase):
         self.check(f"document.body.append(Object.assign(document.createElement('iframe'), {{ src: '{page}' }}))")
         self.wait("'states' in window && states.length > 0 && states[states.length - 1].readyState >= 3", 60)
         self.wait("states[states.length - 1].paused && states[states.length - 1].currentTime === 1.5")
+        self.wait("states[states.length - 1].hasAudio")
         self.assertEqual(self.browser.problems, [])
 
     def test_a_page_of_one_file_opens_from_disk_and_from_a_server(self):
-        self.stgs("web", self.scene, "-o", self.path("scene.html"), "--single-file", "--title", "A <kitchen>")
+        self.stgs("web", self.loud(), "-o", self.path("scene.html"), "--single-file", "--title", "A <kitchen>",
+                  "--log-level", "error")
         self.browser.open("file://" + self.path("scene.html"))
         self.shows_scene("A <kitchen>")
+        self.wait(f"{PLAYER}.hasAudio")
         self.assertEqual(self.check("document.querySelectorAll('script[type=\"text/plain\"]').length"), 0)
         self.browser.open("file://" + self.path("scene.html") + "?src=site/other.stgs")
         self.shows_problem("must not load")
         hosted = self.site.replace("site/", "scene.html")
         self.browser.open(hosted)
         self.shows_scene("A <kitchen>")
+        self.wait(f"{PLAYER}.hasAudio")
         self.browser.open(hosted + "?src=site/other.stgs")
         self.shows_scene("other")
+        self.assertEqual(self.check(f"[{PLAYER}.audio, {PLAYER}.hasAudio]"), ["auto", False])
 
     def test_a_link_names_a_scene(self):
         self.browser.open(self.site + "?src=other.stgs")
@@ -277,9 +294,10 @@ class Viewer(unittest.TestCase):
         self.assertEqual(header, expected_header)
         self.assertEqual(page, native)
 
-    def test_serve_plays_a_file(self):
-        self.browser.open(self.serve(self.scene))
+    def test_serve_plays_a_file_with_its_sound(self):
+        self.browser.open(self.serve(self.loud()))
         self.shows_scene("kitchen")
+        self.wait(f"{PLAYER}.hasAudio")
 
     def test_serve_lists_a_folder(self):
         os.makedirs(self.path("folder", "below"))

@@ -9,6 +9,7 @@
 #include "printable.h"
 #include "scene_file.h"
 #ifdef STGS_HAS_SERVE
+#include "web/scene_audio.h"
 #include "web/scene_server.h"
 #endif
 
@@ -23,11 +24,12 @@ class Serve final : public Command {
     return {
         "serve", "Show scenes in a browser, from this machine",
         "Serves a page that plays an .stgs file, or lists the .stgs files below a folder, and\n"
-        "prints its link. Serves nothing else: no other files, no hidden ones, and no links that\n"
-        "leave the folder. After a file was written to, its page asks to load it again. Only\n"
-        "programs of this machine reach the server, unless --address names another address.\n"
-        "Ctrl-C (SIGINT) or SIGTERM ends it, with exit code 4. 'stgs web' writes a site for other\n"
-        "servers.",
+        "prints its link. Also serves the audio files that the scenes name, if they are in the\n"
+        "folder of the scene or below. Serves nothing else: no other files, no hidden ones, and\n"
+        "no links that leave the folder. After a file was written to, its page asks to load it\n"
+        "again. Only programs of this machine reach the server, unless --address names another\n"
+        "address. Ctrl-C (SIGINT) or SIGTERM ends it, with exit code 4. 'stgs web' writes a site\n"
+        "for other servers.",
         "  stgs serve scene.stgs\n"
         "  stgs serve scenes/ --port 8000"};
   }
@@ -69,6 +71,10 @@ class Serve final : public Command {
     if (!scenes->is_folder()) {
       STGS_ASSIGN(const auto file, SceneFile::open(session, path_));
       STGS_TRY(file->warn_of_open_damage());
+      if (const std::string audio = file->text(STGS_TEXT_AUDIO); !audio.empty()) {
+        const auto opened = open_audio(path_, audio);
+        if (!opened.ok()) session.log(1, silent_warning(file->name(), opened.status()));
+      }
       const std::string title = file->text(STGS_TEXT_TITLE);
       settings.title = title.empty() ? std::filesystem::path(path_).stem().string() : title;
     }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -17,6 +18,7 @@
 #include "stgs/format/output_file.h"
 #include "web/site_page.h"
 #ifdef STGS_HAS_WEB
+#include "web/scene_audio.h"
 #include "web/site_files.h"
 #endif
 
@@ -48,9 +50,11 @@ class Web final : public Command {
     return {
         "web", "Write a web page that plays a scene",
         "Writes a folder with a page, the player and a copy of the scene: put it on any web\n"
-        "server that answers range requests, such as nginx, and send the link. Of a URL, the\n"
-        "page plays the scene from there, and nothing is copied. --single-file writes one HTML\n"
-        "file with everything in it, which a browser opens from disk: for scenes up to 256 MiB.",
+        "server that answers range requests, such as nginx, and send the link. If the scene names\n"
+        "an audio file in its folder or below, it is copied as well. Of a URL, the page plays the\n"
+        "scene from there, and nothing is copied. --single-file writes one HTML file with\n"
+        "everything in it, which a browser opens from disk: for scenes up to 256 MiB, with audio\n"
+        "files up to 32 MiB.",
         "  stgs web scene.stgs -o site\n"
         "  stgs web scene.stgs -o scene.html --single-file\n"
         "  stgs web https://example.org/scene.stgs -o site"};
@@ -126,6 +130,8 @@ class Web final : public Command {
     STGS_ASSIGN(const auto file, SceneFile::open(session, scene_));
     STGS_TRY(check_playable(session, *file));
     STGS_TRY(file->warn_of_open_damage());
+    const auto audio = find_audio(session, *file);
+    if (audio && !single_file_ && !overwrite_) STGS_TRY(check_free(on_site(audio->name)));
     PageSettings page;
     page.title = title_.empty() ? file->text(STGS_TEXT_TITLE) : title_;
     if (page.title.empty()) page.title = stem();
@@ -133,26 +139,56 @@ class Web final : public Command {
       page.bridge += (page.bridge.empty() ? "" : " ") + origin;
     const EndAfterSignal end(session, output_ + ": not written");
     std::uint64_t bytes = 0;
-    STGS_TRY(single_file_ ? write_file(page, bytes) : write_site(session, page, bytes));
-    const Json json = {{"input", display_name(scene_)},   {"output", output_},
-                       {"page", written_page()},          {"single_file", single_file_},
-                       {"scene_copied", !is_url(scene_)}, { "bytes", bytes }};
+    const SceneAudio* const sound = audio ? &*audio : nullptr;
+    STGS_TRY(single_file_ ? write_file(page, sound, bytes)
+                          : write_site(session, page, sound, bytes));
+    if (audio) {
+      session.log(2, fmt::format("{}: with the audio file {} ({})", written_page(),
+                                 one_line(audio->name), human_bytes(audio->bytes->size())));
+    }
+    const Json json = {{"input", display_name(scene_)},
+                       {"output", output_},
+                       {"page", written_page()},
+                       {"single_file", single_file_},
+                       {"scene_copied", !is_url(scene_)},
+                       {"audio", audio ? Json(audio->name) : Json()},
+                       { "bytes",
+                         bytes }};
     return session.emit(json,
                         fmt::format("{}: {}\n", one_line(written_page()), human_bytes(bytes)));
   }
-  // Checks that no file would be replaced.
+  std::string on_site(std::string_view name) const {
+    return (std::filesystem::path(output_) / name).string();
+  }
+  // Checks that no file would be replaced, besides the audio file, whose name is not known yet.
   Status check_new() const {
-    std::vector<std::string> paths = {written_page()};
-    if (!single_file_) {
-      const std::filesystem::path folder = output_;
-      if (!is_url(scene_)) paths.push_back((folder / kSceneName).string());
-      for (const SiteFile& file : kSite) paths.push_back((folder / file.name).string());
+    STGS_TRY(check_free(written_page()));
+    if (single_file_) return {};
+    if (!is_url(scene_)) STGS_TRY(check_free(on_site(kSceneName)));
+    for (const SiteFile& file : kSite) STGS_TRY(check_free(on_site(file.name)));
+    return {};
+  }
+  static Status check_free(const std::string& path) {
+    std::error_code error;
+    if (!std::filesystem::exists(path, error)) return {};
+    return usage_error("{}: exists; name another output, or replace it with --overwrite", path);
+  }
+  // Opens the audio file of a scene on disk. Nothing if there is none; with a warning if the scene
+  // names one that the page cannot have.
+  std::optional<SceneAudio> find_audio(Session& session, const SceneFile& file) const {
+    const std::string location = file.text(STGS_TEXT_AUDIO);
+    if (location.empty() || is_url(scene_)) return {};
+    auto audio = open_audio(scene_, location);
+    Status status = audio.status();
+    if (audio.ok() && single_file_ && audio->bytes->size() > kMaxSinglePageAudio) {
+      status = Status(StatusCode::kLimit,
+                      fmt::format("the audio file '{}' is too large for a page of one file ({}, "
+                                  "limit {} MiB); write a site without --single-file",
+                                  one_line(audio->name), human_bytes(audio->bytes->size()),
+                                  kMaxSinglePageAudio >> 20));
     }
-    for (const std::string& path : paths) {
-      std::error_code error;
-      if (std::filesystem::exists(path, error))
-        return usage_error("{}: exists; name another output, or replace it with --overwrite", path);
-    }
+    if (status.ok()) return std::move(audio).value();
+    session.log(1, silent_warning(file.name(), status));
     return {};
   }
   Status check_playable(Session& session, const SceneFile& file) const {
@@ -174,7 +210,7 @@ class Web final : public Command {
     const std::string name = display_name(scene_);
     return std::filesystem::path(name).stem().string();
   }
-  Status write_file(const PageSettings& page, std::uint64_t& bytes) const {
+  Status write_file(const PageSettings& page, const SceneAudio* audio, std::uint64_t& bytes) const {
     STGS_ASSIGN(const auto scene, open_file(scene_));
     if (scene->size() > kMaxSinglePageScene) {
       return Status(
@@ -185,20 +221,28 @@ class Web final : public Command {
     }
     OutputFile out;
     STGS_TRY(out.open(output_));
-    STGS_TRY(write_single_page(page, *scene, [&](std::span<const std::uint8_t> piece) {
+    SinglePageContent content{*scene};
+    if (audio != nullptr) {
+      content.audio = audio->bytes.get();
+      content.audio_type = audio_type(audio->name);
+    }
+    STGS_TRY(write_single_page(page, content, [&](std::span<const std::uint8_t> piece) {
       bytes += piece.size();
       return out.write(piece);
     }));
     return out.commit();
   }
-  Status write_site(Session& session, PageSettings page, std::uint64_t& bytes) const {
+  Status write_site(Session& session, PageSettings page, const SceneAudio* audio,
+                    std::uint64_t& bytes) const {
     OutputFolder folder(output_, session.log_sink());
     if (is_url(scene_)) {
       page.scene = scene_;
     } else {
       page.scene = kSceneName;
-      STGS_TRY(copy_scene(folder, bytes));
+      STGS_ASSIGN(const auto scene, open_file(scene_));
+      STGS_TRY(copy(folder, kSceneName, *scene, bytes));
     }
+    if (audio != nullptr) STGS_TRY(copy(folder, audio->name, *audio->bytes, bytes));
     for (const SiteFile& file : kSite)
       STGS_TRY(add(folder, std::string(file.name), file.bytes, bytes));
     // Last, so that it appears once the files that it loads have.
@@ -212,19 +256,19 @@ class Web final : public Command {
     return write_file_atomically(
         path, {reinterpret_cast<const std::uint8_t*>(content.data()), content.size()});
   }
-  Status copy_scene(OutputFolder& folder, std::uint64_t& bytes) const {
+  static Status copy(OutputFolder& folder, const std::string& name, const ByteSource& from,
+                     std::uint64_t& bytes) {
     constexpr std::size_t kChunk = std::size_t{4} << 20;
-    STGS_ASSIGN(const auto scene, open_file(scene_));
-    STGS_ASSIGN(const std::string path, folder.add(kSceneName));
+    STGS_ASSIGN(const std::string path, folder.add(name));
     OutputFile out;
     STGS_TRY(out.open(path));
     std::vector<std::uint8_t> piece;
-    for (std::uint64_t at = 0; at < scene->size(); at += piece.size()) {
-      piece.resize(std::min<std::uint64_t>(kChunk, scene->size() - at));
-      STGS_TRY(scene->read(at, piece));
+    for (std::uint64_t at = 0; at < from.size(); at += piece.size()) {
+      piece.resize(std::min<std::uint64_t>(kChunk, from.size() - at));
+      STGS_TRY(from.read(at, piece));
       STGS_TRY(out.write(piece));
     }
-    bytes += scene->size();
+    bytes += from.size();
     return out.commit();
   }
 #endif

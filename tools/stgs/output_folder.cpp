@@ -26,6 +26,11 @@ class Opened {
   ~Opened() {
     if (descriptor_ >= 0) ::close(descriptor_);
   }
+  Opened(Opened&& other) noexcept : descriptor_(std::exchange(other.descriptor_, -1)) {}
+  Opened& operator=(Opened&& other) noexcept {
+    std::swap(descriptor_, other.descriptor_);
+    return *this;
+  }
   Opened(const Opened&) = delete;
   Opened& operator=(const Opened&) = delete;
   int get() const { return descriptor_; }
@@ -64,15 +69,18 @@ Result<std::string> OutputFolder::add(const std::string& name) {
 
 Status OutputFolder::move(int folder, const std::string& name) const {
   const fs::path path(name);
-  const std::string parent = path.parent_path().string();
-  if (!parent.empty() && ::mkdirat(folder, parent.c_str(), 0777) != 0 && errno != EEXIST) {
-    return io_error("{}/{}: cannot create: {}", folder_, parent, system_message(errno));
-  }
-  const Opened into(
-      ::openat(folder, parent.empty() ? "." : parent.c_str(), kFolderFlags | O_NOFOLLOW));
-  if (into.get() < 0) {
-    return io_error("{}/{}: cannot open the folder: {}; links are not followed", folder_, parent,
-                    system_message(errno));
+  fs::path parent;
+  Opened into(::openat(folder, ".", kFolderFlags));
+  for (const fs::path& part : path.parent_path()) {
+    parent /= part;
+    if (::mkdirat(into.get(), part.c_str(), 0777) != 0 && errno != EEXIST) {
+      return io_error("{}/{}: cannot create: {}", folder_, parent.string(), system_message(errno));
+    }
+    into = Opened(::openat(into.get(), part.c_str(), kFolderFlags | O_NOFOLLOW));
+    if (into.get() < 0) {
+      return io_error("{}/{}: cannot open the folder: {}; links are not followed", folder_,
+                      parent.string(), system_message(errno));
+    }
   }
   const std::string from = made_ + "/" + name;
   const Opened file(::open(from.c_str(), O_RDONLY | O_NOFOLLOW | O_CLOEXEC));

@@ -18,7 +18,7 @@ class OutputFolder {
   // (Session::claim_folder()). What killed runs left is removed and reported to `log`.
   OutputFolder(const std::string& folder, encoder::LogSink log);
 
-  // Returns the path at which to write the file `name`: "FILE" or "SUBFOLDER/FILE".
+  // Returns the path at which to write the file `name`: a file name, or a path below the folder.
   Result<std::string> add(const std::string& name);
   // Moves the files into the folder, in the order of add(), and replaces those of the same name.
   // Ignores SIGINT and SIGTERM meanwhile; kRuntime if one has arrived before. kIoError, with the

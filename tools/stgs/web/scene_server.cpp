@@ -15,6 +15,7 @@
 
 #include "client_times.h"
 #include "file_request.h"
+#include "scene_audio.h"
 #include "site_files.h"
 #include "site_page.h"
 #include "stgs/format/escape.h"
@@ -30,6 +31,7 @@ constexpr std::size_t kConnectionMemory = 32 << 10;  // bytes; the header of a r
 constexpr unsigned kIdleSeconds = 300;
 constexpr std::time_t kSettleSeconds = 10;  // since the last write; until then a file may grow
 constexpr std::string_view kScenes = "/scenes/", kList = "/scenes.json";
+constexpr std::string_view kSceneType = "application/octet-stream";
 // The page loads its own files, scenes of this server and by https, and their sound; its script
 // makes style sheets and workers.
 constexpr const char* kPolicy =
@@ -87,7 +89,7 @@ FileVersion version_of(const struct stat& info) {
           http_date(info.st_mtim.tv_sec)};
 }
 
-MHD_Result send_file(MHD_Connection* connection, encoder::CaptureFile file) {
+MHD_Result send_file(MHD_Connection* connection, encoder::CaptureFile file, std::string_view type) {
   struct stat info {};
   if (::fstat(file.descriptor(), &info) != 0) return send_text(connection, 404, "not found\n");
   const FileVersion version = version_of(info);
@@ -108,7 +110,7 @@ MHD_Result send_file(MHD_Connection* connection, encoder::CaptureFile file) {
   set_header(response, "Accept-Ranges", "bytes");
   set_header(response, "Cache-Control", may_grow ? "no-store" : "no-cache");
   if (answer.status == 200 || answer.status == 206) {
-    set_header(response, "Content-Type", "application/octet-stream");
+    set_header(response, "Content-Type", std::string(type));
   }
   if (answer.status == 206) {
     set_header(response, "Content-Range",
@@ -214,8 +216,11 @@ MHD_Result Server::answer_path(MHD_Connection* connection, const std::string& pa
                      "application/json");
   }
   if (path.compare(0, kScenes.size(), kScenes) == 0) {
-    auto file = scenes_->open_scene(path.substr(kScenes.size()));
-    if (file.ok()) return send_file(connection, std::move(file).value());
+    const std::string name = path.substr(kScenes.size());
+    auto scene = scenes_->open_scene(name);
+    if (scene.ok()) return send_file(connection, std::move(scene).value(), kSceneType);
+    auto audio = scenes_->open_audio(name);
+    if (audio.ok()) return send_file(connection, std::move(audio).value(), audio_type(name));
   }
   return send_text(connection, 404, "not found\n");
 }

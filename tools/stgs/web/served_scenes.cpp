@@ -7,7 +7,9 @@
 #include <filesystem>
 
 #include "file_request.h"
+#include "scene_audio.h"
 #include "stgs/format/escape.h"
+#include "stgs/format/scene_file.h"
 #include "stgs/format/text.h"
 
 namespace stgs::tools {
@@ -70,6 +72,54 @@ Result<CaptureFile> ServedScenes::open_scene(const std::string& name) const {
   const bool is_served = is_folder() ? is_scene_name(name) : name == file_name_;
   if (!is_served) return io_error("{}: not served", name);
   return folder_->open_file(folder_->path() + "/" + (is_folder() ? name : target_));
+}
+
+std::string ServedScenes::audio_of(const std::string& scene) const {
+  auto source = folder_->open_source(folder_->path() + "/" + scene);
+  if (!source.ok()) return {};
+  const auto reader = SceneReader::open(std::move(source).value(), {},
+                                        std::pmr::get_default_resource(), IndexLoading::kOnDemand);
+  if (!reader.ok() || (*reader)->metadata().audio.empty()) return {};
+  const auto path = audio_path((*reader)->metadata().audio);
+  return path.ok() ? *path : std::string();
+}
+
+std::vector<std::string> ServedScenes::scenes_in(const std::string& below) const {
+  std::vector<std::string> scenes;
+  // Of a new object: a folder is listed once per object.
+  const auto folder = CaptureFolder::open(folder_->path(), false);
+  if (!folder.ok()) return scenes;
+  const std::string path = (*folder)->path() + "/" + below;
+  const auto entries = (*folder)->list(path.substr(0, path.size() - 1));
+  if (!entries.ok()) return scenes;
+  for (const auto& [name, kind] : **entries) {
+    if (kind == CaptureFolder::Kind::kFile && is_scene_name(name)) scenes.push_back(below + name);
+  }
+  return scenes;
+}
+
+Result<CaptureFile> ServedScenes::open_audio(const std::string& name) const {
+  const Status refused = io_error("{}: not served", name);
+  const auto normal = audio_path(escape_url(name, kUrlPath));
+  if (!normal.ok() || *normal != name) return refused;
+  std::size_t examined = 0, end = is_folder() ? name.rfind('/') + 1 : 0;
+  for (int level = 0; level <= kMaxDepth; ++level) {
+    const std::string below = name.substr(0, end), path = folder_->path() + "/";
+    const auto scenes = is_folder() ? scenes_in(below) : std::vector<std::string>{target_};
+    for (const std::string& scene : scenes) {
+      if (++examined > kMaxListed) return refused;
+      if (audio_of(scene) != name.substr(end)) continue;
+      const auto own = CaptureFolder::open(path + below, false);
+      if (!own.ok() ||
+          (*own)->kind(path + below + "/" + name.substr(end)) != CaptureFolder::Kind::kFile) {
+        continue;  // a link leaves the folder of the scene
+      }
+      return folder_->open_file(path + name);
+    }
+    if (end == 0) break;
+    end = end < 2 ? 0 : name.rfind('/', end - 2) + 1;
+  }
+  return refused;
 }
 
 Json ServedScenes::list(const std::string& prefix) const {

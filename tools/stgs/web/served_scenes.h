@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The files that stgs serve gives away: one scene, or the scenes below a folder.
+// The files that stgs serve gives away: one scene, or the scenes below a folder, and the audio
+// files that they name.
 #pragma once
 
 #include <cstdint>
@@ -35,11 +36,24 @@ class ServedScenes {
   // folder are not followed, and hidden files not opened. kIo if there is no such regular file.
   Result<encoder::CaptureFile> open_scene(const std::string& name) const;
 
+  // Opens an audio file by its path below the folder. kIo unless a scene that is served names it:
+  // its own scene, or one in the same folder or up to kMaxDepth folders above. Reads the heads of
+  // up to kMaxListed scenes, nearest ones first. Links that leave the folder of the scene are not
+  // followed.
+  Result<encoder::CaptureFile> open_audio(const std::string& name) const;
+
   // Returns the scenes of a folder as JSON (SceneList of sdk/web/src/viewer/sources.ts). `prefix`
   // precedes their names in URLs.
   Json list(const std::string& prefix) const;
 
  private:
+  // Returns the path of the audio file of a scene, relative to its folder; "" if there is none.
+  // `scene`: path below the folder.
+  std::string audio_of(const std::string& scene) const;
+  // Returns the paths of scenes directly in a folder, given below the served one and with "/" at
+  // its end, or "".
+  std::vector<std::string> scenes_in(const std::string& below) const;
+
   std::string file_name_, target_;  // of a file: its name, and that in the folder
   std::shared_ptr<const encoder::CaptureFolder> folder_;
 };

@@ -21,8 +21,8 @@ constexpr std::string_view kPreload =
 constexpr std::string_view kSettings =
     "<script type=\"application/json\" id=\"stgs-page\">{}</script>";
 constexpr std::string_view kScript = "<script type=\"module\" src=\"./viewer.js\"></script>";
-constexpr std::size_t kSceneChunk = std::size_t{3} << 20;  // bytes of an element; divisible by 3
-static_assert(kSceneChunk % 3 == 0, "only the last chunk may end with padding");
+constexpr std::size_t kChunk = std::size_t{3} << 20;  // bytes of an element; divisible by 3
+static_assert(kChunk % 3 == 0, "only the last chunk may end with padding");
 
 // Replaces the only occurrence of `mark`, which is part of the template.
 void replace_mark(std::string& page, std::string_view mark, const std::string& text) {
@@ -79,12 +79,14 @@ Status write_element(const WriteBytes& write, std::string_view attributes,
   return write_text(write, "</script>\n");
 }
 
-Status write_scene(const WriteBytes& write, const ByteSource& scene) {
+// Writes a file as elements with the same attributes.
+Status write_elements(const WriteBytes& write, std::string_view attributes,
+                      const ByteSource& file) {
   std::vector<std::uint8_t> bytes;
-  for (std::uint64_t at = 0; at < scene.size(); at += bytes.size()) {
-    bytes.resize(std::min<std::uint64_t>(kSceneChunk, scene.size() - at));
-    STGS_TRY(scene.read(at, bytes));
-    STGS_TRY(write_element(write, "class=\"stgs-scene\"", bytes));
+  for (std::uint64_t at = 0; at < file.size(); at += bytes.size()) {
+    bytes.resize(std::min<std::uint64_t>(kChunk, file.size() - at));
+    STGS_TRY(file.read(at, bytes));
+    STGS_TRY(write_element(write, attributes, bytes));
   }
   return {};
 }
@@ -106,7 +108,7 @@ std::string site_page(const PageSettings& settings) {
   return page;
 }
 
-Status write_single_page(const PageSettings& settings, const ByteSource& scene,
+Status write_single_page(const PageSettings& settings, const SinglePageContent& content,
                          const WriteBytes& write) {
   const std::string page = site_page(settings);
   const std::size_t at = page.find(kScript);
@@ -115,7 +117,12 @@ Status write_single_page(const PageSettings& settings, const ByteSource& scene,
   STGS_TRY(write_element(write, "id=\"stgs-sorter\"", bytes_of(kSite[kSorterScript].bytes)));
   STGS_ASSIGN(const auto core, gzip(kSite[kCore].bytes));
   STGS_TRY(write_element(write, "id=\"stgs-core\"", core));
-  STGS_TRY(write_scene(write, scene));
+  STGS_TRY(write_elements(write, "class=\"stgs-scene\"", content.scene));
+  if (content.audio != nullptr) {
+    const std::string attributes =
+        fmt::format("class=\"stgs-audio\" data-type=\"{}\"", content.audio_type);
+    STGS_TRY(write_elements(write, attributes, *content.audio));
+  }
   STGS_TRY(write_text(write, "<script type=\"module\">"));
   STGS_TRY(write_text(write, kSite[kViewerScript].bytes));
   STGS_TRY(write_text(write, "</script>\n"));

@@ -33,8 +33,18 @@ export async function inlinedResources(): Promise<Resources | null> {
   return { worker: script("stgs-worker"), sorter: script("stgs-sorter"), core: await new Response(stream).arrayBuffer() };
 }
 
+/** Returns a file in the page, the content of the elements of a class in order; null if there is none. */
+function inlinedFile(name: string): Blob | null {
+  const elements = document.querySelectorAll<HTMLElement>(`.${name}`);
+  if (elements.length === 0) return null;
+  return new Blob(Array.from(elements, (element) => bytesOf(take(element))), { type: elements[0].dataset["type"] ?? "" });
+}
+
 /** Returns the scene in the page; null if there is none. */
-export function inlinedScene(): Blob | null {
-  const parts = Array.from(document.querySelectorAll(".stgs-scene"), (element) => bytesOf(take(element)));
-  return parts.length === 0 ? null : new Blob(parts);
+export const inlinedScene = (): Blob | null => inlinedFile("stgs-scene");
+
+/** Returns a URL of the audio file in the page, valid as long as the page; null if there is none. */
+export function inlinedAudio(): string | null {
+  const audio = inlinedFile("stgs-audio");
+  return audio === null ? null : URL.createObjectURL(audio);
 }

@@ -7,7 +7,7 @@ import { markStep } from "../marks";
 import { textOf } from "../player/errors";
 import { listenForFiles } from "./files";
 import { importModel } from "./import_model";
-import { inlinedResources, inlinedScene } from "./inlined";
+import { inlinedAudio, inlinedResources, inlinedScene } from "./inlined";
 import { showList } from "./list";
 import { checkedList, isModel, linkedScene, nameOf, PageSettings, parseSettings, withoutEnding } from "./sources";
 
@@ -38,10 +38,14 @@ function setDetail(text: string): void {
   element("detail").textContent = text;
 }
 
-/** Plays a scene in a new player. `name`: its title, unless it is the name of a file that states one. */
-function play(source: URL | Blob, name: string, isFileName = true): void {
+/**
+ * Plays a scene in a new player. `name`: its title, unless it is the name of a file that states one.
+ * `audio`: URL of its audio file; null: the one that it names.
+ */
+function play(source: URL | Blob, name: string, isFileName = true, audio: string | null = null): void {
   const player = document.createElement("stgs-player");
   if (settings.bridge !== undefined) player.setAttribute("bridge", settings.bridge);
+  if (audio !== null) player.audio = audio;
   player.controls = true;
   player.loop = true;
   player.autoplay = !matchMedia("(prefers-reduced-motion: reduce)").matches;
@@ -131,7 +135,7 @@ function start(): void {
     return welcome(`The link names a scene that this page must not load: ${src}. Use an https address, or a file of the same server.`);
   }
   const inlined = inlinedScene();
-  if (inlined !== null) return play(inlined, document.title, false);
+  if (inlined !== null) return play(inlined, document.title, false, inlinedAudio());
   if (settings.scene !== undefined) {
     const url = new URL(settings.scene, document.baseURI);
     return play(url, document.title, false);
