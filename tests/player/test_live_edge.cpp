@@ -39,7 +39,10 @@ TEST_CASE("the target latency is the duration of a fragment plus the jitter") {
   CHECK(edge.target_latency() == Approx(0.55));
   LiveSettings distant;
   distant.latency_seconds = 2;
-  CHECK(LiveEdge(distant, 10, 0.5).target_latency() == Approx(2));
+  LiveEdge changed(distant, 10, 0.5);
+  CHECK(changed.target_latency() == Approx(2));
+  changed.set_latency(0);
+  CHECK(changed.target_latency() == Approx(0.55));
 }
 
 TEST_CASE("a recorder that paused or catches up restarts the estimate") {

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The state machine of playback: every pair of a state and an event.
+#include <cmath>
+#include <limits>
 #include <string>
 
 #include "catch.h"
@@ -211,6 +213,23 @@ TEST_CASE("a position that falls too far behind the edge jumps") {
   CHECK(m.effects.jumped);
   CHECK(m.playback.follow_state() == FollowState::kFollowing);
   CHECK(m.playback.seconds() > 12);
+}
+
+TEST_CASE("a new latency changes the rate at the edge, or the position when it is joined") {
+  Machine m = recording_in(FollowState::kFollowing, true);
+  const double before = m.playback.seconds();
+  REQUIRE(m.playback.set_live_latency(1.5).ok());
+  m.step(0.01);
+  CHECK_FALSE(m.effects.jumped);
+  CHECK(m.playback.live().target_latency_seconds == Approx(1.5));
+  CHECK(m.playback.seconds() == Approx(before + 0.009));
+  m.playback.go_live();
+  m.step(0.01);
+  CHECK(m.playback.live().latency_seconds == Approx(1.5).margin(0.02));
+  for (const double invalid : {-0.1, std::numeric_limits<double>::infinity(), std::nan("")}) {
+    CHECK(m.playback.set_live_latency(invalid).code() == StatusCode::kUsage);
+  }
+  CHECK(m.playback.live().target_latency_seconds == Approx(1.5));
 }
 
 TEST_CASE("a seek before the first step of a growing recording sets the position") {

@@ -76,7 +76,7 @@ export class CoreRun {
   }
   /** Opens a served file. Returns its description. */
   async open(file, options = {}) {
-    this.send({ type: "open", source: file.url, options: { memoryBudget: 2 ** 28, maxPrimitives: Infinity, lookAhead: 10, ...options } });
+    this.send({ type: "open", source: file.url, options: { memoryBudget: 2 ** 28, maxPrimitives: Infinity, lookAhead: 10, latency: 1, ...options } });
     return (await this.message("opened")).info;
   }
   /** Seeks, and returns the state at that time once its data is there. */

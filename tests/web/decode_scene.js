@@ -26,7 +26,7 @@ export async function decode(source, canvas, seconds, target) {
       const isComplete = data.type === "state" && data.layers === data.layerCount;
       if (isComplete && data.seconds === seconds) resolve(info);
     };
-    const options = { memoryBudget: 2 ** 29, maxPrimitives: Infinity, lookAhead: 10 };
+    const options = { memoryBudget: 2 ** 29, maxPrimitives: Infinity, lookAhead: 10, latency: 1 };
     worker.postMessage({ type: "open", source, options });
   });
   worker.postMessage({ type: "close" });

@@ -138,6 +138,22 @@ describe("the core", { concurrency: true }, () => {
     assert.ok(edge.seconds > 0.5);
   });
 
+  core("a recording is played at the latency that the page sets", async (own) => {
+    const file = new ServedFile(recording, recorded(6)); // 2 s
+    await own.open(file, { latency: 1.6 });
+    const first = await own.until(({ live }) => live !== null);
+    assert.ok(Math.abs(first.seconds - 0.4) < 0.02 && first.live.targetLatency === 1.6, JSON.stringify(first));
+    own.send({ type: "latency", seconds: 1.8 });
+    own.send({ type: "latency", seconds: -1 }); // invalid
+    own.send({ type: "seek", seconds: first.duration, id: ++own.lastSeek });
+    await own.until(({ seek, live }) => seek === own.lastSeek && live.following);
+    const { live: joined } = own.all("state").find(({ seek }) => seek === own.lastSeek);
+    assert.ok(joined.targetLatency === 1.8 && Math.abs(joined.latency - 1.8) < 0.1, JSON.stringify(joined));
+    own.send({ type: "latency", seconds: 0 });
+    const { live } = await own.until(({ live }) => live.targetLatency < 1);
+    assert.ok(live.targetLatency >= FRAGMENT);
+  });
+
   core("polls that fail are repeated, and reported once", async (own) => {
     const file = new ServedFile(recording, recorded(3));
     await own.open(file);

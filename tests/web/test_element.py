@@ -142,7 +142,7 @@ class ElementTest(ElementCase):
     def test_the_quality_and_the_device_are_chosen_by_attributes(self):
         self.show_ready(controls="", quality="low", device="headset")
         options = self.posted("open")[0]["options"]
-        self.assertEqual(options, {"memoryBudget": 2 ** 28, "maxPrimitives": 500000, "lookAhead": 10})
+        self.assertEqual(options, {"memoryBudget": 2 ** 28, "maxPrimitives": 500000, "lookAhead": 10, "latency": 1})
         self.check("player.play()")
         self.wait("player.videoWidth === 640 && player.stats.quality.tiers === 1")
         self.assertEqual(self.check("player.clientWidth"), 1280)
@@ -182,6 +182,18 @@ class ElementTest(ElementCase):
         self.browser.click(*self.centre(".live"))
         self.wait("part('.live').getAttribute('aria-pressed') === 'true' && player.live.following")
         self.assertEqual(self.posted("seek")[-1]["seconds"], 12)
+
+    def test_the_latency_of_a_recording_is_an_attribute(self):
+        self.show_ready(src="live.stgs", latency="2.5")
+        self.assertEqual(self.posted("open")[-1]["options"]["latency"], 2.5)
+        self.check("player.latency = 4")
+        self.assertEqual(self.check("player.getAttribute('latency')"), "4")
+        self.assertEqual(self.posted("latency")[-1]["seconds"], 4)
+        for text in ("-1", "soon", "", " ", "3601", "Infinity", "1s"):
+            self.check(f"player.setAttribute('latency', {text!r})")
+            self.assertEqual(self.check("player.latency"), 1, text)
+        self.assertEqual(self.posted("latency")[-1]["seconds"], 1)
+        self.assertEqual(self.check("(() => { try { player.latency = -1; } catch ({ name }) { return name; } })()"), "IndexSizeError")
 
     def test_a_volume_is_checked_before_there_is_a_player(self):
         self.assertEqual(self.check("""(() => {

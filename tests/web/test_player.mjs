@@ -41,7 +41,7 @@ test("the core receives the settings once the scene is open", async () => {
   player.play().catch(() => undefined);
   assert.deepEqual(worker.types(), ["open"]);
   worker.opened();
-  assert.deepEqual(worker.types(), ["open", "maxPrimitives", "rate", "loop", "seek", "play"]);
+  assert.deepEqual(worker.types(), ["open", "maxPrimitives", "latency", "rate", "loop", "seek", "play"]);
   assert.equal(worker.posted[0].source, "scene.stgs");
   assert.ok(worker.posted[0].options.memoryBudget > 0);
   assert.equal(player.src, "scene.stgs");

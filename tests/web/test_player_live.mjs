@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { settle } from "./player_fakes.mjs";
-import { openScene } from "./player_setup.mjs";
+import { openScene, setUp } from "./player_setup.mjs";
 
 const LIVE = { following: true, latency: 1.2, targetLatency: 1 };
 const DETACHED = { ...LIVE, following: false, latency: 6 };
@@ -87,6 +87,25 @@ test("a loop takes effect once the recording is closed", async () => {
   worker.state("playing", 9.9, {});
   await host.run(400);
   assert.ok(player.currentTime < 1, "the time wraps around");
+});
+
+test("the latency is that of the source, and can be changed at any time", async () => {
+  const { player, worker } = setUp();
+  assert.equal(player.latency, 1);
+  player.latency = 4;
+  player.load("scene.stgs").catch(() => undefined);
+  assert.equal(worker.last("open").options.latency, 4);
+  player.latency = 5; // before the scene is open
+  assert.equal(worker.last("latency"), undefined);
+  worker.opened();
+  assert.equal(worker.last("latency").seconds, 5);
+  player.latency = 0;
+  assert.equal(worker.last("latency").seconds, 0);
+  const { length } = worker.posted;
+  player.latency = 0;
+  for (const invalid of [-1, 3601, NaN, Infinity, "soon"])
+    assert.throws(() => (player.latency = invalid), { name: "IndexSizeError", message: /out of range \(expected 0 to 3600 seconds\)/ });
+  assert.deepEqual([player.latency, worker.posted.length], [0, length]);
 });
 
 test("without a recording, goLive does nothing", async () => {

@@ -66,6 +66,10 @@ class Streams(PackageCase):
         is_live = "player.live?.following && player.shadowRoot.querySelector('.live').ariaPressed === 'true'"
         self.wait(f"player.error || ({is_live} && player.currentTime > 0.3)")
         self.assertIsNone(self.check("player.error && player.error.message"))
+        self.check("player.latency = 2.5")
+        self.wait("player.live.targetLatency === 2.5")
+        self.check("player.removeAttribute('latency')")
+        self.wait("player.live.targetLatency < 2.5")
         before = self.check("player.duration")
         self.wait(f"player.duration > {before} + {seconds}")
         self.check("player.currentTime = 0.2")

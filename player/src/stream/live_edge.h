@@ -24,6 +24,8 @@ class LiveEdge {
   void observe(double edge, double fragment, double now);
   // Records an edge whose time of arrival is unknown: nobody polled, or it is not playable yet.
   void extend_to(double edge) { edge_ = std::max(edge_, edge); }
+  // Sets LiveSettings::latency_seconds.
+  void set_latency(double seconds) { settings_.latency_seconds = seconds; }
 
   // Returns the estimated edge, which advances with the clock until the next fragment is overdue.
   double edge(double now) const;
@@ -46,7 +48,7 @@ class LiveEdge {
   double max_fragment() const;
   double jitter() const;
 
-  const LiveSettings settings_;
+  LiveSettings settings_;
   double fragment_ = 0, edge_ = 0;
   double first_ahead_ = 0;
   bool has_observed_ = false;

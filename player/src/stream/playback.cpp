@@ -131,6 +131,14 @@ void Playback::go_live() {
   if (play_ == PlayState::kEnded) play_ = PlayState::kPaused;
 }
 
+Status Playback::set_live_latency(double seconds) {
+  if (!(std::isfinite(seconds) && seconds >= 0)) {
+    return usage_error("a latency must be a finite number of seconds, at least 0, got {}", seconds);
+  }
+  edge_.set_latency(seconds);
+  return {};
+}
+
 void Playback::step(double now, const Availability& data) {
   const double since = last_now_ ? now - *last_now_ : 0.0;
   last_now_ = now;

@@ -61,6 +61,9 @@ class Playback {
   Status set_rate(double rate);
   void set_loop(bool loop);
   void go_live();
+  // Sets LiveSettings::latency_seconds. While it follows the live edge, playback converges to the
+  // new latency. kUsage unless it is finite and not negative.
+  Status set_live_latency(double seconds);
   // Advances to `now`, which must be finite.
   void step(double now, const Availability& data);
   // Returns the effects since the last call.

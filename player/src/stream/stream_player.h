@@ -57,6 +57,8 @@ class StreamPlayer {
   Status set_rate(double rate);
   void set_loop(bool loop);
   void go_live();
+  // Playback documents this.
+  Status set_live_latency(double seconds) { return playback_.set_live_latency(seconds); }
   LiveState live() const { return playback_.live(); }
   double advance(double now);
   PlayerState state() const { return playback_.state(); }

@@ -115,14 +115,14 @@ STGS_EXPORT void stgs_free(void* memory) {
   std::free(memory);
 }
 
-// Creates the player of a file. `follows`: whether the file may grow; `max_primitives`: as
-// stgs_limit_primitives(); `prefetch`: seconds to fetch ahead; `decodes`: segments that the
-// host decodes at a time.
-STGS_EXPORT void stgs_create(const char* name, double file_bytes, bool follows,
+// Creates the player of a file. `follows`: whether the file may grow; `latency`: as
+// stgs_set_latency(); `max_primitives`: as stgs_limit_primitives(); `prefetch`: seconds to fetch
+// ahead; `decodes`: segments that the host decodes at a time.
+STGS_EXPORT void stgs_create(const char* name, double file_bytes, bool follows, double latency,
                              double memory_budget, double max_primitives, double prefetch,
                              int decodes) {
   current = std::make_unique<web::WebPlayer>(name, static_cast<std::uint64_t>(file_bytes), follows,
-                                             static_cast<std::uint64_t>(memory_budget),
+                                             latency, static_cast<std::uint64_t>(memory_budget),
                                              static_cast<std::uint64_t>(max_primitives), prefetch,
                                              decodes);
 }
@@ -173,6 +173,10 @@ STGS_EXPORT bool stgs_seek(double seconds) {
 }
 STGS_EXPORT bool stgs_set_rate(double rate) {
   return current->player().set_rate(rate).ok();
+}
+// Sets the minimum latency behind the live edge, seconds, finite and at least 0.
+STGS_EXPORT bool stgs_set_latency(double seconds) {
+  return current->player().set_live_latency(seconds).ok();
 }
 STGS_EXPORT void stgs_set_loop(bool loop) {
   current->player().set_loop(loop);

@@ -20,10 +20,11 @@ constexpr std::uint64_t kSegmentOverhead = 52 << 10;
 // request.
 constexpr double kPollSeconds = 0.2;
 
-player::PlayerSettings settings_of(bool follows, std::uint64_t memory_budget,
-                                   double prefetch_seconds) {
+player::PlayerSettings settings_of(bool follows, double latency_seconds,
+                                   std::uint64_t memory_budget, double prefetch_seconds) {
   player::PlayerSettings out;
   out.live.follow = follows;
+  out.live.latency_seconds = latency_seconds;
   out.live.poll_seconds = kPollSeconds;
   out.memory_budget = memory_budget;
   out.prefetch_seconds = prefetch_seconds;
@@ -35,9 +36,9 @@ player::PlayerSettings settings_of(bool follows, std::uint64_t memory_budget,
 }  // namespace
 
 WebPlayer::WebPlayer(const std::string& name, std::uint64_t file_bytes, bool follows,
-                     std::uint64_t memory_budget, std::uint64_t max_primitives,
-                     double prefetch_seconds, int decodes)
-    : settings_(settings_of(follows, memory_budget, prefetch_seconds)),
+                     double latency_seconds, std::uint64_t memory_budget,
+                     std::uint64_t max_primitives, double prefetch_seconds, int decodes)
+    : settings_(settings_of(follows, latency_seconds, memory_budget, prefetch_seconds)),
       max_primitives_(max_primitives),
       decodes_(decodes),
       budget_(player::make_budget(memory_budget)),

@@ -28,8 +28,9 @@ class WebPlayer {
     double origin = 0;          // ticks of the timeline from which its times count
   };
 
-  // `follows`: whether to follow the growth of a file that is being recorded.
-  WebPlayer(const std::string& name, std::uint64_t file_bytes, bool follows,
+  // `follows`: whether to follow the growth of a file that is being recorded, `latency_seconds`
+  // behind its live edge (LiveSettings).
+  WebPlayer(const std::string& name, std::uint64_t file_bytes, bool follows, double latency_seconds,
             std::uint64_t memory_budget, std::uint64_t max_primitives, double prefetch_seconds,
             int decodes);
 

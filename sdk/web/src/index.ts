@@ -10,7 +10,7 @@ import type { RendererChoice } from "./renderer_choice";
 import { createWorker, setResources } from "./resources";
 
 /** Settings of createPlayer(). */
-export interface CreatePlayerOptions extends QualitySettings, Pick<PlayerOptions, "lookAhead" | "audio"> {
+export interface CreatePlayerOptions extends QualitySettings, Pick<PlayerOptions, "lookAhead" | "audio" | "latency"> {
   /** Default: auto. */
   renderer?: RendererChoice;
 }

@@ -70,12 +70,13 @@ export type CoreMessage =
 export type PageMessage =
   | { type: "open"; source: string | Blob; options: OpenOptions }
   | { type: "play" } | { type: "pause" } | { type: "seek"; seconds: number; id: number /* ascending */ } | { type: "rate"; rate: number }
-  | { type: "loop"; loop: boolean } | { type: "maxPrimitives"; primitives: number } | { type: "close" };
+  | { type: "loop"; loop: boolean } | { type: "latency"; seconds: number } | { type: "maxPrimitives"; primitives: number } | { type: "close" };
 /** Limits of a source. */
 export interface OpenOptions {
   memoryBudget: number;  // bytes of fetched and decoded data
   maxPrimitives: number; // at one time; tiers beyond it are not fetched; may be Infinity
   lookAhead: number;     // seconds
+  latency: number;       // minimum seconds behind the live edge of a recording
 }
 /** The first bytes of a file, its size, the validator of its version ("": unknown), and its URL after redirects ("": none). */
 export interface FileStart { head: Uint8Array; size: number; version: string; url: string }

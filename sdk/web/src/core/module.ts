@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The player of the WASM core (sdk/web/core/exports.cpp), one per instance.
-import type { LiveState } from "../types";
+import type { LiveState, OpenOptions } from "../types";
 import { Instance } from "./instance";
 
 /** The functions of the host that the player calls. Addresses are in the memory of the module. */
@@ -41,14 +41,15 @@ export interface CoreStatus {
 }
 
 interface Exports {
-  stgs_create(name: number, bytes: number, follows: number, memoryBudget: number, maxPrimitives: number, prefetch: number,
-              decodes: number): void;
+  stgs_create(name: number, bytes: number, follows: number, latency: number, memoryBudget: number, maxPrimitives: number,
+              prefetch: number, decodes: number): void;
   stgs_open(): number;
   stgs_provide(offset: number, bytes: number): number;
   stgs_play(): void;
   stgs_pause(): void;
   stgs_seek(seconds: number): number;
   stgs_set_rate(rate: number): number;
+  stgs_set_latency(seconds: number): number;
   stgs_set_loop(loop: number): void;
   stgs_limit_primitives(maxPrimitives: number): void;
   stgs_step(now: number, budget: number): number;
@@ -96,14 +97,14 @@ export class Core {
   }
 
   /**
-   * Starts to open a file. Sizes are in bytes; `follows`: whether it may grow; `maxPrimitives`: as
-   * limitPrimitives(); `prefetch`: seconds to fetch ahead; `decodes`: segments that the host decodes at
-   * a time.
+   * Starts to open a file of `fileBytes` bytes. `follows`: whether it may grow; `decodes`: segments that the
+   * host decodes at a time.
    */
-  open(name: string, fileBytes: number, follows: boolean, memoryBudget: number, maxPrimitives: number, prefetch: number,
-       decodes: number): void {
+  open(name: string, fileBytes: number, follows: boolean, options: OpenOptions, decodes: number): void {
+    const { memoryBudget, maxPrimitives, lookAhead, latency } = options;
     this.instance.withTexts([name], (address) =>
-      this.instance.exports.stgs_create(address, fileBytes, follows ? 1 : 0, memoryBudget, counted(maxPrimitives), prefetch, decodes));
+      this.instance.exports.stgs_create(address, fileBytes, follows ? 1 : 0, latency, memoryBudget, counted(maxPrimitives),
+        lookAhead, decodes));
   }
 
   /** Tries to open the file: its description, the bytes that it needs first, or why it failed. */
@@ -130,6 +131,10 @@ export class Core {
   /** Returns whether the rate is valid. */
   setRate(rate: number): boolean {
     return this.instance.exports.stgs_set_rate(rate) !== 0;
+  }
+  /** Sets `OpenOptions.latency`. Returns whether it is valid. */
+  setLatency(seconds: number): boolean {
+    return this.instance.exports.stgs_set_latency(seconds) !== 0;
   }
   setLoop(loop: boolean): void {
     this.instance.exports.stgs_set_loop(loop ? 1 : 0);

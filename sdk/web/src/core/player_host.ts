@@ -79,6 +79,9 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
       case "loop":
         this.core.setLoop(message.loop);
         break;
+      case "latency":
+        this.core.setLatency(message.seconds); // an invalid value changes nothing
+        break;
       case "maxPrimitives":
         this.core.limitPrimitives(message.primitives);
         break;
@@ -165,7 +168,7 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
   }
 
   private async openFile(message: OpenMessage, signal: AbortSignal): Promise<CoreInfo> {
-    const { memoryBudget, maxPrimitives, lookAhead } = checked(message.options);
+    const options = checked(message.options);
     const pool = (this.pool = new DecoderPool(decoders(), this.startDecoder, this));
     const known = await this.takeStart(message.source);
     if (signal.aborted) throw closed();
@@ -176,7 +179,7 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
     const core = await Core.create(module, this);
     if (signal.aborted) throw closed();
     this.core = core;
-    core.open(reader.name, size, reader.mayGrow, memoryBudget, maxPrimitives, lookAhead, pool.capacity);
+    core.open(reader.name, size, reader.mayGrow, options, pool.capacity);
     const pieces: FilePiece[] = [];
     const provide = (offset: number, bytes: Uint8Array) => {
       core.provide(offset, bytes);
@@ -188,7 +191,7 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
     for (;;) {
       const result = core.tryOpen();
       if ("info" in result) {
-        pool.open(module, reader.name, size, memoryBudget, pieces);
+        pool.open(module, reader.name, size, options.memoryBudget, pieces);
         return result.info;
       }
       if ("message" in result) throw new CoreError(result.code, result.message);
@@ -307,10 +310,11 @@ function closed(): ReadError {
 
 /** Checks the options of a page. */
 function checked(options: OpenMessage["options"]): OpenMessage["options"] {
-  const { memoryBudget, maxPrimitives, lookAhead } = options;
-  if (!(memoryBudget >= MIN_BUDGET && memoryBudget <= MAX_BUDGET && maxPrimitives >= 0 && lookAhead >= 0 && lookAhead < Infinity)) {
-    throw new CoreError(USAGE, `memoryBudget ${memoryBudget}, maxPrimitives ${maxPrimitives} or lookAhead ${lookAhead} is out of range ` +
-      `(expected ${MIN_BUDGET} to ${MAX_BUDGET} bytes, 0 or more, and 0 s or more)`);
+  const { memoryBudget, maxPrimitives, lookAhead, latency } = options;
+  const isTime = (seconds: number) => seconds >= 0 && seconds < Infinity;
+  if (!(memoryBudget >= MIN_BUDGET && memoryBudget <= MAX_BUDGET && maxPrimitives >= 0 && isTime(lookAhead) && isTime(latency))) {
+    throw new CoreError(USAGE, `memoryBudget ${memoryBudget}, maxPrimitives ${maxPrimitives}, lookAhead ${lookAhead} or latency ${latency} ` +
+      `is out of range (expected ${MIN_BUDGET} to ${MAX_BUDGET} bytes, 0 or more, and 0 s or more)`);
   }
   return options;
 }

@@ -3,6 +3,7 @@
 import { DEVICES, QUALITIES } from "../player/adaptation";
 import type { Quality } from "../player/adaptation";
 import type { DeviceClass } from "../player/device";
+import { checkLatency, DEFAULT_LATENCY, isLatency } from "../player/latency";
 import type { RendererChoice } from "../renderer_choice";
 
 // The module can be imported without a DOM, such as on a server.
@@ -51,6 +52,20 @@ export abstract class ReflectedElement extends Base {
   }
   set audio(source: string) {
     this.setAttribute("audio", source);
+  }
+  /** See `StgsPlayer.latency`. The attribute is a number of seconds, 0 to 3600. */
+  get latency(): number {
+    const text = this.getAttribute("latency") ?? "";
+    const seconds = text.trim() === "" ? NaN : Number(text);
+    return isLatency(seconds) ? seconds : DEFAULT_LATENCY;
+  }
+  set latency(seconds: number) {
+    this.setAttribute("latency", `${checkLatency(seconds)}`);
+  }
+  /** The settings of a player that take effect at any time. */
+  protected get settings(): { quality: Quality; audio: string; latency: number } {
+    const { quality, audio, latency } = this;
+    return { quality, audio, latency };
   }
   get controls(): boolean {
     return this.hasAttribute("controls");

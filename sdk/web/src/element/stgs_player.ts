@@ -24,9 +24,10 @@ const MAX_PIXEL_RATIO = 2; // of the canvas to CSS pixels
 
 /**
  * `<stgs-player src controls autoplay loop poster camera="orbit|fly" free
- * renderer="auto|webgpu|webgl2" quality="auto|low|medium|high" device="phone|headset|desktop">`: plays a
- * scene like a media element. Properties, methods and events are those of `StgsPlayer`; attributes are
- * reflected. Without `controls`, only the camera takes input. `free` lifts the limits of the orbit.
+ * renderer="auto|webgpu|webgl2" quality="auto|low|medium|high" device="phone|headset|desktop" audio muted
+ * latency bridge>`: plays a scene like a media element. Properties, methods and events are those of
+ * `StgsPlayer`; attributes are reflected. Without `controls`, only the camera takes input. `free` lifts the
+ * limits of the orbit.
  *
  * The player is created when the element is connected or used, and destroyed when it is removed
  * from the page; then the position is lost.
@@ -34,7 +35,7 @@ const MAX_PIXEL_RATIO = 2; // of the canvas to CSS pixels
 export abstract class StgsPlayerElement extends ReflectedElement implements Media {
   static readonly observedAttributes = [
     "src", "controls", "autoplay", "loop", "poster", "camera", "free", "renderer", "quality", "device",
-    "audio", "bridge",
+    "audio", "bridge", "latency",
   ];
 
   private readonly shell: Shell;
@@ -103,10 +104,9 @@ export abstract class StgsPlayerElement extends ReflectedElement implements Medi
         if (this.isConnected) this.bridge.update(this, value);
         break;
       case "quality":
-        if (this.player !== null) this.player.quality = this.quality;
-        break;
       case "audio":
-        if (this.player !== null) this.player.audio = this.audio;
+      case "latency":
+        if (this.player !== null) Object.assign(this.player, this.settings);
         break;
       case "renderer":
       case "device":
@@ -315,9 +315,9 @@ export abstract class StgsPlayerElement extends ReflectedElement implements Medi
     }
     this.canvas = canvas;
     this.shell.setCanvas(canvas);
-    const { quality, device, audio } = this;
+    const { device, settings } = this;
     const worker = (source: string | Blob) => this.factory.createWorker(source);
-    this.player = new StgsPlayer({ canvas, renderer, worker, quality, audio, ...(device && { device }) });
+    this.player = new StgsPlayer({ canvas, renderer, worker, ...settings, ...(device && { device }) });
     this.player.volume = this.wantedVolume;
     this.player.muted = this.wantsMuted ?? this.hasAttribute("muted");
     this.player.loop = this.loop;

@@ -149,10 +149,6 @@ export class Playback {
     this.seekTo(this.scene.duration);
   }
 
-  limitPrimitives(primitives: number): void {
-    this.post({ type: "maxPrimitives", primitives });
-  }
-
   /** Whether playback would end at once. */
   private isAtEnd(): boolean {
     if (this.scene === null || this.scene.live !== null || this.seek !== null) return false;
@@ -207,8 +203,8 @@ export class Playback {
     return this.context.host.now();
   }
 
-  /** The core takes these messages once the scene is open; `onOpened` sends the state until then. */
-  private post(message: PageMessage): void {
+  /** Sends a message to the core, which takes it once the scene is open; `onOpened` sends the state until then. */
+  post(message: PageMessage): void {
     if (this.scene !== null) this.core.post(message);
   }
 

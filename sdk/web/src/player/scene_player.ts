@@ -5,6 +5,7 @@ import { Adaptation, Quality, QualityReport, QualitySettings } from "./adaptatio
 import { abortError, PlayerError, unsupported } from "./errors";
 import { EventQueue } from "./event_queue";
 import { Host } from "./host";
+import { checkLatency, DEFAULT_LATENCY } from "./latency";
 import { Playback } from "./playback";
 import { Ready } from "./playback_context";
 import { BufferedRanges } from "./ranges";
@@ -22,6 +23,8 @@ export interface ScenePlayerOptions extends QualitySettings {
   worker: WorkerSource;
   /** Seconds to fetch ahead; default 10. */
   lookAhead?: number;
+  /** See `ScenePlayer.latency`; default 1. */
+  latency?: number;
   /** The sound: "auto" (default): the audio file that the scene names, if it is on the same server; "none"; or a URL. */
   audio?: string;
 }
@@ -62,12 +65,14 @@ export class ScenePlayer extends EventTarget {
   private readonly sound: Sound;
   protected isDestroyed = false;
   private readonly sink: SegmentSink;
+  private liveLatency: number; // seconds
 
   protected constructor(options: ScenePlayerOptions, parts: ScenePlayerParts) {
     super();
     this.sink = parts.sink;
+    this.liveLatency = checkLatency(options.latency ?? DEFAULT_LATENCY);
     this.adaptation = new Adaptation(options, {
-      limit: (primitives) => this.playback.limitPrimitives(primitives),
+      limit: (primitives) => this.playback.post({ type: "maxPrimitives", primitives }),
       changed: () => {
         this.events.push("qualitychange", this.qualityReport);
         parts.onQuality?.();
@@ -80,10 +85,11 @@ export class ScenePlayer extends EventTarget {
       events: this.events,
       options: () => ({
         memoryBudget: this.adaptation.memoryBudget, maxPrimitives: this.adaptation.maxPrimitives,
-        lookAhead: options.lookAhead ?? LOOK_AHEAD,
+        lookAhead: options.lookAhead ?? LOOK_AHEAD, latency: this.liveLatency,
       }),
       onOpened: (info) => {
         this.adaptation.open(info);
+        this.sendLatency(); // it may have changed since load()
         this.sound.open(info);
         parts.onOpened();
       },
@@ -253,6 +259,20 @@ export class ScenePlayer extends EventTarget {
   get live(): LiveState | null {
     return this.playback.scene?.live ?? null;
   }
+  /**
+   * Minimum seconds behind the live edge of a recording, 0 to 3600; other values throw an `IndexSizeError`.
+   * `live.targetLatency` is larger if fragments are longer or arrive irregularly; with 0, it is the least that
+   * avoids stalls. While playback follows the edge, it converges to a new value by running up to 10 % faster or
+   * slower, or skips ahead if it is more than 3 s behind; `goLive()` applies it at once.
+   */
+  get latency(): number {
+    return this.liveLatency;
+  }
+  set latency(seconds: number) {
+    if (this.isDestroyed || checkLatency(seconds) === this.liveLatency) return;
+    this.liveLatency = seconds;
+    this.sendLatency();
+  }
   /** Seeks to the live edge and follows it at a rate of 1; a seek to the end has the same effect. */
   goLive(): void {
     if (!this.isDestroyed) this.playback.goLive();
@@ -266,5 +286,9 @@ export class ScenePlayer extends EventTarget {
     this.sound.close();
     this.playback.destroy();
     this.sink.destroy();
+  }
+
+  private sendLatency(): void {
+    this.playback.post({ type: "latency", seconds: this.liveLatency });
   }
 }

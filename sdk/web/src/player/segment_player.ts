@@ -15,6 +15,8 @@ export interface SegmentPlayerOptions extends QualitySettings {
   loop?: boolean;
   /** Seconds to fetch ahead; default 10. */
   lookAhead?: number;
+  /** See `ScenePlayer.latency`; default 1. */
+  latency?: number;
   /** See `ScenePlayerOptions.audio`. */
   audio?: string;
 }
