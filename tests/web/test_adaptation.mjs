@@ -229,6 +229,48 @@ test("the limit of a renderer with which an application draws applies, too", asy
   player.destroy();
 });
 
+test("the tiers of a scene that an application draws depend on its frames, its resolution does not", async (t) => {
+  const host = Object.assign(new FakeHost(), { time: performance.timeOrigin });
+  t.mock.method(performance, "now", () => host.time - performance.timeOrigin);
+  globalThis.requestAnimationFrame = () => 1;
+  globalThis.cancelAnimationFrame = () => undefined;
+  const worker = new FakeWorker(host);
+  const player = new SegmentPlayer(new FakeRenderer(), { src: "scene.stgs", worker, maxPrimitives: 2e6 });
+  const reports = [];
+  player.addEventListener("qualitychange", ({ detail }) => reports.push(detail));
+  worker.opened(TIERS);
+  worker.segment(1);
+  player.play().catch(() => undefined);
+  worker.state("playing", 0);
+  /** Draws an image for each eye for some frames. */
+  const draw = async (frames, milliseconds) => {
+    for (let i = 0; i < frames; ++i) {
+      host.time += milliseconds;
+      for (let eye = 0; eye < 2; ++eye) player.frameTicks();
+      await settle();
+    }
+  };
+  await draw(60, 50); // 20 frames per second
+  assert.deepEqual(reports.map(({ tiers, resolutionScale }) => [tiers, resolutionScale]), [[2, 1], [1, 1]]);
+  assert.deepEqual([reports[0].reason, reports[1].reason],
+    ["maxPrimitives is 2000000 primitives", "20 of 30 fps: lowered the tiers"]);
+  assert.equal(worker.last("maxPrimitives").primitives, 600000);
+  await draw(60, 50); // there is nothing else to lower
+  assert.equal(reports.length, 2);
+  player.quality = "low";
+  await settle();
+  assert.deepEqual([player.qualityReport.resolutionScale, reports[2].reason], [1, "quality is low"]);
+  await draw(60, 50);
+  assert.equal(reports.length, 3);
+  player.quality = "auto";
+  worker.state("paused", 0.1);
+  player.pause();
+  worker.state("paused", 0.1);
+  await draw(60, 50); // the application draws for other reasons
+  assert.equal(player.qualityReport.tiers, 2);
+  player.destroy();
+});
+
 test("a canvas without a size in CSS is not scaled", async () => {
   const parts = await openScene();
   const { canvas, player, worker, renderer } = parts;

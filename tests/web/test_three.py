@@ -51,6 +51,9 @@ class Three(EngineCase):
         self.assertGreater(values["changes"], 3)
         self.assertEqual(values["idle"], 0)
         self.assertGreater(values["time"], 0.2)
+        report = values["report"]
+        self.assertEqual([report[name] for name in ("quality", "device", "maxPrimitives", "resolutionScale")],
+                         ["medium", "headset", 1_000_000, 1])
 
     def test_both_eyes_of_a_headset(self):
         values = self.check("compareEyes()")

@@ -24,8 +24,8 @@ window.begin = (parameters = {}) => {
 };
 
 /** Adds a scene at a time, with y up as in three.js. Returns the mesh. */
-async function addScene(seconds) {
-  const mesh = new StgsMesh({ renderer, src: "scene.stgs" });
+async function addScene(seconds, options = {}) {
+  const mesh = new StgsMesh({ renderer, src: "scene.stgs", ...options });
   mesh.rotation.x = Math.PI;
   scene.add(mesh);
   mesh.player.currentTime = seconds;
@@ -203,7 +203,7 @@ window.compareRestored = async () => {
 /** Whether playback changes the image, with events for drawing on demand. */
 window.playSome = async () => {
   begin();
-  const mesh = await addScene(0);
+  const mesh = await addScene(0, { quality: "medium", device: "headset" });
   let changes = 0;
   mesh.addEventListener("change", () => {
     ++changes;
@@ -213,12 +213,16 @@ window.playSome = async () => {
   await delay(700);
   const time = mesh.player.currentTime;
   mesh.player.pause();
-  await delay(800); // the order of the last frame arrives
-  const before = changes;
-  await delay(300);
+  let idle = 1;
+  for (let k = 0; k < 20 && idle > 0; ++k) { // until the order of the last frame has arrived
+    const before = changes;
+    await delay(300);
+    idle = changes - before;
+  }
+  const report = mesh.player.qualityReport;
   mesh.dispose();
   finish();
-  return { changes, idle: changes - before, time };
+  return { changes, idle, time, report };
 };
 
 /** PSNR of each eye of an emulated headset at the origin to the plain player. */

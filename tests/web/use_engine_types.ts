@@ -6,7 +6,8 @@ import { StgsMesh } from "stgs/three";
 import { WebGLRenderer } from "three";
 
 export async function playMesh(renderer: WebGLRenderer, file: File): Promise<StgsMesh> {
-  const mesh = new StgsMesh({ renderer, loop: true, memoryBudget: 2 ** 28 });
+  const mesh = new StgsMesh({ renderer, loop: true, memoryBudget: 2 ** 28, quality: "low", device: "phone" });
+  mesh.player.addEventListener("qualitychange", () => (mesh.player.quality = "auto"));
   await mesh.player.load(file);
   await mesh.player.play();
   mesh.player.addEventListener("ended", () => mesh.dispose());

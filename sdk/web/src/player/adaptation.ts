@@ -89,11 +89,15 @@ export class Adaptation {
   private steps: Step[] = [{ scale: 1, tiers: 1 }];
   private level = 0;
   private isInXr = false;
-  private isFixed = false; // the layout of the page depends on the resolution
   private why = "";
 
-  /** Throws a TypeError if a setting has an invalid value. */
-  constructor(private readonly settings: QualitySettings, private readonly client: AdaptationClient) {
+  /**
+   * `isFixed`: the resolution cannot be changed, because the application sets it or the layout of the page
+   * depends on it. Throws a TypeError if a setting has an invalid value.
+   */
+  constructor(
+    private readonly settings: QualitySettings, private readonly client: AdaptationClient, private isFixed = false,
+  ) {
     check("quality", settings.quality, QUALITIES);
     check("device", settings.device, DEVICES);
     this.setting = settings.quality ?? "auto";

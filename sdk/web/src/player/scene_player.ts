@@ -34,6 +34,8 @@ export interface ScenePlayerParts {
   /** Belongs to the player, which destroys it. */
   sink: SegmentSink;
   host: Host;
+  /** The application draws, and sets the resolution. */
+  isDrawnByApplication?: boolean;
   onOpened(): void;
   /** The time may have changed. */
   onTime(): void;
@@ -77,7 +79,7 @@ export class ScenePlayer extends EventTarget {
         this.events.push("qualitychange", this.qualityReport);
         parts.onQuality?.();
       },
-    });
+    }, parts.isDrawnByApplication);
     this.playback = new Playback({
       worker: options.worker,
       renderer: parts.sink,
