@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A signal ends a run that waits for another program, or works."""
+import json
 import os
 import shutil
 import signal
@@ -86,6 +87,25 @@ class Signals(CliTest):
                 self.assertLess(time.monotonic() - begin, 2)
                 self.assertRegex(process.stderr.read().decode(), "^stgs: error: interrupted by SIGTERM: [^\n]*\n$")
         self.assertEqual(sorted(os.listdir(self.work)), ["cut.stgs", "large.png"])
+
+    def test_in_the_middle_of_preparing(self):
+        """Decoding an image cannot be interrupted."""
+        if not harness.built_in("prepare"):
+            self.skipTest("this build cannot prepare captures")
+        self.write("0.png", png(16000, 16000))
+        shutil.copy(self.path("0.png"), self.path("1.png"))
+        frames = [{"file_path": f"{k}.png", "transform_matrix": [
+            [1, 0, 0, k], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]} for k in range(2)]
+        self.write("transforms.json", json.dumps({
+            "fl_x": 16000, "fl_y": 16000, "cx": 8000, "cy": 8000, "w": 16000, "h": 16000, "frames": frames}).encode())
+        process = self.start("prepare", ".", "-o", "out", "--threads", "1")
+        time.sleep(1.2)
+        self.assertIsNone(process.poll(), "the run works")
+        process.send_signal(signal.SIGTERM)
+        error = process.stderr.read().decode()
+        self.assertEqual(process.wait(SECONDS), RUNTIME, error)
+        self.assertIn("interrupted by SIGTERM: ", error)
+        self.assertEqual(sorted(os.listdir(self.work)), ["0.png", "1.png", "transforms.json"])
 
     def test_while_nobody_reads_standard_error(self):
         """More warnings than a pipe takes: the run ends, and they are lost."""

@@ -9,6 +9,15 @@
 #include "stgs/format/temporary.h"
 
 namespace stgs::tools {
+namespace {
+
+std::atomic<void (*)() noexcept> module_remove = nullptr;
+
+}  // namespace
+
+void end_of_module(void (*remove)() noexcept) {
+  module_remove = remove;
+}
 
 EndAfterSignal::EndAfterSignal(Session& session, std::string message)
     : watcher_([&session, message = std::move(message)](const std::stop_token& done) {
@@ -22,6 +31,7 @@ EndAfterSignal::EndAfterSignal(Session& session, std::string message)
         if (ending.exchange(true)) return;
         const int code = session.conclude(runtime_error("{}", message));
         remove_unfinished();
+        if (auto* const remove = module_remove.load()) remove();
         std::_Exit(code);
       }) {}
 

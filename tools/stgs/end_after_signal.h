@@ -21,4 +21,8 @@ class EndAfterSignal {
   std::jthread watcher_;
 };
 
+// Has the ends above also call `remove`, for the temporary files of a module, which has a list of
+// its own (remove_unfinished()). One module at most.
+void end_of_module(void (*remove)() noexcept);
+
 }  // namespace stgs::tools

@@ -45,7 +45,10 @@ Result<const OpenCvFunctions*> opencv() {
   static const Result<const OpenCvFunctions*> loaded = [] {
     Result<const OpenCvFunctions*> functions = load();
     const OpenCvSettings& settings = settings_of_process();
-    if (functions.ok()) (*functions)->set_up(settings.threads, settings.quiet);
+    if (functions.ok()) {
+      (*functions)->set_up(settings.threads, settings.quiet);
+      end_of_module((*functions)->remove_unfinished);
+    }
     if (settings.quiet) silence_libraries();
     return functions;
   }();

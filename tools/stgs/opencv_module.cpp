@@ -5,6 +5,7 @@
 #include <opencv2/core/utils/logger.hpp>
 
 #include "mp4.h"
+#include "stgs/format/temporary.h"
 
 namespace stgs::tools {
 namespace {
@@ -20,7 +21,9 @@ void set_up(int threads, bool quiet) {
 extern "C" __attribute__((visibility("default"))) const stgs::tools::OpenCvFunctions*
 STGS_OPENCV_SYMBOL() {
   using namespace stgs::tools;
-  static const OpenCvFunctions functions = {
-      .set_up = set_up, .prepare = stgs::encoder::prepare, .make_mp4_writer = open_mp4_writer};
+  static const OpenCvFunctions functions = {.set_up = set_up,
+                                            .remove_unfinished = stgs::remove_unfinished,
+                                            .prepare = stgs::encoder::prepare,
+                                            .make_mp4_writer = open_mp4_writer};
   return &functions;
 }

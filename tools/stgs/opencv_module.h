@@ -22,6 +22,8 @@ struct OpenCvFunctions {
   std::size_t settings_bytes = sizeof(encoder::PrepareSettings);
   // Limits OpenCV's threads (0: no limit) and, if `quiet`, silences its log. Call it once, first.
   void (*set_up)(int threads, bool quiet) = nullptr;
+  // Removes the temporary files of the module.
+  void (*remove_unfinished)() noexcept = nullptr;
   // As encoder::prepare().
   Status (*prepare)(const std::string& capture, const std::string& folder,
                     const encoder::PrepareSettings& settings, const encoder::ProgressSink& progress,

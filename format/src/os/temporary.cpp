@@ -251,7 +251,9 @@ WorkFolder::~WorkFolder() {
 }
 
 void WorkFolder::abandon() noexcept {
-  if (os::remove_folder(path_)) return;
+  for (int attempt = 0; attempt < kMaxAttempts; ++attempt) {  // other threads may still write to it
+    if (os::remove_folder(path_)) return;
+  }
   ::unlink(lock_name_.c_str());  // no descriptor was left to list it
   ::rmdir(path_.c_str());
 }
