@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The functions of the host that the WASM core calls (HostFunctions in sdk/web/src/core/instance.ts).
-// Offsets in a file are doubles, which are exact below 2^53.
+// The functions of the host that the WASM core calls (HostFunctions in
+// sdk/web/src/core/instance.ts). Offsets in a file are doubles, which are exact below 2^53.
 #pragma once
 
 #include <cstdint>

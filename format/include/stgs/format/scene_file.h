@@ -296,9 +296,9 @@ class SceneReader {
   // precision: at 2^k ticks, by up to 2^(k-24) ticks.
   Result<Gaussians4D> decode(std::uint32_t segment, bool with_sh,
                              TimeOrigin origin = TimeOrigin::kPart) const;
-  // Decodes as decode() does, but passes the primitives to `visit` range by range, each small enough
-  // for the CPU's cache, with SH up to the greatest degree that was read. After an error, the ranges
-  // are invalid.
+  // Decodes as decode() does, but passes the primitives to `visit` range by range, each small
+  // enough for the CPU's cache, with SH up to the greatest degree that was read. After an error,
+  // the ranges are invalid.
   Status decode_ranges(std::uint32_t segment, bool with_sh, TimeOrigin origin,
                        const RangeVisitor& visit) const;
   // Decodes the positions and times of one segment alone, in a fraction of the time: enough to sort
