@@ -8,11 +8,13 @@ FOLDER: where the images are kept. --every-degree: with the scenes of degrees 0 
 """
 import json
 import os
+import re
+import shutil
 import sys
 import unittest
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from renderer_case import RendererCase  # noqa: E402
+from renderer_case import TIMES, RendererCase  # noqa: E402
 
 TARGETS = {"rgba16f": 55.0, "rgba8": 45.0}  # least PSNR, dB
 # Name: primitives, SH degree.
@@ -27,6 +29,7 @@ class WebGl2Test(RendererCase):
     def setUpClass(cls):
         cls.make_folder()
         cls.bundle("webgl2/index", "renderer")
+        cls.bundle_parts()
         cls.bundle("webgl2/sorter_worker", "stgs-sorter", "iife")
         cls.copy_pages("webgl2_page.html", "webgl2_page.mjs", "scene_page.mjs")
         job = {"scenes": []}
@@ -36,6 +39,21 @@ class WebGl2Test(RendererCase):
             for target in TARGETS:
                 job["scenes"].append(cls.scene_job(scene, target))
         cls.run_page("webgl2_page.html", job)
+
+    @classmethod
+    def bundle_parts(cls):
+        """Bundles a renderer that draws an order in parts of 8192 splats; one of 2^20 takes minutes here."""
+        sources, folder = cls.sources, os.path.join(cls.work, "parts")
+        shutil.copytree(sources, folder)
+        path = os.path.join(folder, "webgl2/records.ts")
+        with open(path, encoding="ascii") as file:
+            text, found = re.subn(r"(?m)^const kMaxRows = 256;", "const kMaxRows = 2;", file.read())
+        assert found == 1, path
+        with open(path, "w", encoding="ascii") as file:
+            file.write(text)
+        cls.sources = folder
+        cls.bundle("webgl2/index", "renderer_parts")
+        cls.sources = sources
 
     def test_page_reports_no_error(self):
         self.assertEqual(self.posts["done"], b"ok")
@@ -53,6 +71,10 @@ class WebGl2Test(RendererCase):
 
     def test_a_caller_that_pauses_gets_the_right_order(self):
         self.check_variant("rendered", TARGETS)
+
+    def test_an_order_is_drawn_in_parts(self):
+        name = f"large.front.{TIMES[0]}.rgba16f"
+        self.assertEqual(self.posts[f"{name}.parts.f32"], self.posts[f"{name}.f32"])
 
     def test_late_times_are_exact(self):
         self.check_variant("shifted", TARGETS)

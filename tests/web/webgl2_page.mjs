@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // Renders the cases of job.json and posts their pixels. See test_webgl2.py.
 import { createWebGl2Renderer } from "./renderer.js";
+import { createWebGl2Renderer as createPartsRenderer } from "./renderer_parts.js";
 import {
   canvasDifference, copyOf, delay, nextFrame, post, postFrame, runPage, segmentsOf, shifted,
 } from "./scene_page.mjs";
 
-function rendererFor(options) {
+function rendererFor(options, create = createWebGl2Renderer) {
   const canvas = document.createElement("canvas");
   document.body.append(canvas);
-  const renderer = createWebGl2Renderer(canvas, {
+  const renderer = create(canvas, {
     ...options, onError: (error) => post("error", String(error)),
   });
   return { canvas, renderer };
@@ -57,6 +58,15 @@ async function renderReplaced({ scene, cases }) {
   for (const { id } of segments) page.renderer.removeSegment(id);
   await page.renderer.renderExactly(one.camera, one.ticks);
   await postFrame(`${one.name}.empty`, page);
+}
+
+/** Draws an order in several parts. */
+async function renderParts({ scene, cases }) {
+  const [one] = cases;
+  const page = rendererFor({}, createPartsRenderer);
+  for (const segment of await segmentsOf(scene)) page.renderer.addSegment(segment);
+  await page.renderer.renderExactly(one.camera, one.ticks);
+  await postFrame(`${one.name}.parts`, page);
 }
 
 /** A scene at a late time of the timeline, which single precision cannot represent. */
@@ -117,4 +127,5 @@ runPage(async ({ scenes }) => {
   for (const test of [renderBackground, renderReplaced, renderShifted, renderRestored, postErrors]) {
     await test(scenes[0]);
   }
+  await renderParts(scenes.find(({ scene }) => scene === "large"));
 });

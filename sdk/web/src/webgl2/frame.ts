@@ -19,6 +19,9 @@ export interface Viewport {
 export class Frame {
   private readonly target: Target;
   private readonly resolve: Program;
+  private width = 0;
+  private height = 0;
+  private isClear = true; // whether bind() has cleared the image
 
   /** Creates the objects. Throws an Error if a shader cannot be built. */
   constructor(private readonly gl: WebGL2RenderingContext, format: TargetFormat) {
@@ -26,18 +29,28 @@ export class Frame {
     this.resolve = new Program(gl, resolveVertex, resolveFragment);
   }
 
-  /** Begins an empty image of this size, pixels, into which the following calls draw. */
+  /** Begins an empty image of this size, pixels. */
   begin(width: number, height: number): void {
+    this.width = width;
+    this.height = height;
+    this.isClear = false;
+  }
+
+  /** Binds the image, so that the following calls draw into it. */
+  bind(): void {
     const gl = this.gl;
     gl.activeTexture(gl.TEXTURE0);
-    this.target.bind(width, height);
+    this.target.bind(this.width, this.height);
+    if (this.isClear) return;
     gl.clearColor(0, 0, 0, 0);
     gl.clear(gl.COLOR_BUFFER_BIT);
+    this.isClear = true;
   }
 
   /** Puts the image over a background into a rectangle of its size. `to` null: the canvas. */
   show(to: WebGLFramebuffer | null, at: Viewport, background: Background): void {
     const gl = this.gl;
+    if (!this.isClear) this.bind();
     gl.bindFramebuffer(gl.FRAMEBUFFER, to);
     gl.viewport(at.x, at.y, at.width, at.height);
     gl.useProgram(this.resolve.handle);

@@ -137,9 +137,11 @@ class WebGl2Renderer implements Renderer, ViewRenderer {
     camera: Camera, ticks: number, to: WebGLFramebuffer | null, at: Viewport,
     background: Background, view = 0,
   ): void {
-    this.frame?.begin(camera.width, camera.height);
-    this.splats.draw(camera, ticks, imageOutput(camera.height), view);
-    this.frame?.show(to, at, background);
+    const { frame } = this;
+    if (frame === null) return;
+    frame.begin(camera.width, camera.height);
+    this.splats.draw(camera, ticks, imageOutput(camera.height, () => frame.bind()), view);
+    frame.show(to, at, background);
   }
 
   /** Draws the canvas in the new order, unless the caller renders in the same frame anyway. */
