@@ -34,8 +34,8 @@ void pack_splat(ScreenSplat splat, vec3 colour, out uvec4 a, out uvec4 b) {
   a = floatBitsToUint(vec4(splat.mean.x, splat.mean.y, splat.falloff.xx, splat.falloff.xy));
   vec3 half_colour = min(colour, kMaxHalf);
   uint peak = uint(clamp(round(kPeakSteps * splat.peak), 0.0, 65535.0));
-  float step = kExtentSteps * (log2(splat.extent.x) - kExtentFirst) + kExtentSlack;
-  uint extent = uint(clamp(ceil(step), 1.0, float(kExtentMask)));
+  float steps = kExtentSteps * (log2(splat.extent.x) - kExtentFirst) + kExtentSlack;
+  uint extent = uint(clamp(ceil(steps), 1.0, float(kExtentMask)));
   uint depth = floatBitsToUint(splat.depth) + (kExtentMask + 1u) / 2u;  // rounds to nearest
   b = uvec4(floatBitsToUint(splat.falloff.yy), packHalf2x16(half_colour.xy),
             packHalf2x16(vec2(half_colour.z, 0.0)) | peak << 16u, (depth & ~kExtentMask) | extent);
@@ -47,14 +47,14 @@ bool is_visible(uvec4 b) {
 
 Splat unpack_splat(uvec4 a, uvec4 b) {
   vec4 floats = uintBitsToFloat(a);
-  uint step = b.w & kExtentMask;
+  uint steps = b.w & kExtentMask;
   Splat splat;
   splat.mean = floats.xy;
   splat.falloff.xx = floats.z;
   splat.falloff.xy = floats.w;
   splat.falloff.yy = uintBitsToFloat(b.x);
   splat.peak = float(b.z >> 16u) / kPeakSteps;
-  splat.extent = step == kExtentMask ? kMaxExtent : exp2(float(step) / kExtentSteps + kExtentFirst);
+  splat.extent = steps == kExtentMask ? kMaxExtent : exp2(float(steps) / kExtentSteps + kExtentFirst);
   splat.colour = vec3(unpackHalf2x16(b.y), unpackHalf2x16(b.z & 0xffffu).x);
   splat.depth = uintBitsToFloat(b.w & ~kExtentMask);
   return splat;
