@@ -76,6 +76,12 @@ class WebGl2Test(RendererCase):
         name = f"large.front.{TIMES[0]}.rgba16f"
         self.assertEqual(self.posts[f"{name}.parts.f32"], self.posts[f"{name}.f32"])
 
+    def test_depth_equals_that_of_the_native_renderer(self):
+        name = next(iter(self.cases))
+        for suffix, median, most in (("depth32", 2e-5, 5e-3), ("depth16", 2e-3, 1e-2)):
+            self.check_depth(name, suffix, median, most)
+        self.check_variant("withdepth", TARGETS)
+
     def test_late_times_are_exact(self):
         self.check_variant("shifted", TARGETS)
 
@@ -85,6 +91,9 @@ class WebGl2Test(RendererCase):
         self.assertRegex(errors["worker"], "^the sorter missing.js failed")
         self.assertEqual(errors["reported"], errors["worker"])
         self.assertEqual(errors["destroyed"], "the renderer was destroyed")
+        self.assertRegex(errors["depth"], "created without the option depth$")
+        self.assertRegex(errors["texture"], "^the depth texture of a view cannot be drawn to")
+        self.assertRegex(errors["extension"], "^depth needs EXT_color_buffer_float")
 
     def test_a_restored_context_shows_all_segments(self):
         self.check_variant("restored", TARGETS)

@@ -28,6 +28,8 @@ DEFINED = {"GL_core_profile"}
 # Folder: name in its module: file.
 SHADERS = {"webgl2": {"projectFragment": "project.frag.glsl",
                       "splatVertex": "splat.vert.glsl", "splatFragment": "splat.frag.glsl",
+                      "splatDepthFragment": "splat_depth.frag.glsl",
+                      "depthFragment": "depth.frag.glsl",
                       "resolveVertex": "resolve.vert.glsl",
                       "resolveFragment": "resolve.frag.glsl"},
            "webgpu": {"projectShader": "project.wgsl", "sortShader": "sort.wgsl",

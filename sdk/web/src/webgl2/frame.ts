@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+import { DepthImage } from "./depth_image";
 import { Program } from "./gl";
 import { resolveFragment, resolveVertex } from "./shaders";
 import { Target } from "./target";
@@ -18,14 +19,16 @@ export interface Viewport {
 /** The image in which splats are blended before it is shown over a background. */
 export class Frame {
   private readonly target: Target;
+  private readonly depth: DepthImage | null;
   private readonly resolve: Program;
   private width = 0;
   private height = 0;
   private isClear = true; // whether bind() has cleared the image
 
-  /** Creates the objects. Throws an Error if a shader cannot be built. */
-  constructor(private readonly gl: WebGL2RenderingContext, format: TargetFormat) {
-    this.target = new Target(gl, format);
+  /** Creates the objects. Throws an Error if a shader cannot be built, or if there can be no depth. */
+  constructor(private readonly gl: WebGL2RenderingContext, format: TargetFormat, hasDepth: boolean) {
+    this.depth = hasDepth ? new DepthImage(gl) : null;
+    this.target = new Target(gl, format, this.depth);
     this.resolve = new Program(gl, resolveVertex, resolveFragment);
   }
 
@@ -63,6 +66,11 @@ export class Frame {
     gl.bindTexture(gl.TEXTURE_2D, null);
   }
 
+  /** Writes the mean depth of the splats into a texture. Only with depth, after show(). */
+  writeDepth(to: WebGLTexture): void {
+    this.depth?.write(to, this.width, this.height);
+  }
+
   /** Reads the blended image, without the background. */
   read(): Float32Array {
     return this.target.read();
@@ -70,6 +78,7 @@ export class Frame {
 
   destroy(): void {
     this.target.destroy();
+    this.depth?.destroy();
     this.gl.deleteProgram(this.resolve.handle);
   }
 }

@@ -12,6 +12,7 @@ uniform vec3 depth_mapping;
 flat out vec4 splat_a;  // mean, falloff.xx, falloff.xy
 flat out vec2 splat_b;  // falloff.yy, peak
 flat out vec3 splat_colour;
+flat out float splat_depth;
 
 const uint kQuads = 64u;  // as in records.ts
 // Enlarges rectangles that are not aligned to pixels, for the rounding of their corners; pixels.
@@ -50,6 +51,7 @@ void main() {
   splat_a = vec4(0.0);
   splat_b = vec2(0.0);
   splat_colour = vec3(0.0);
+  splat_depth = 0.0;
   uint corner_number = uint(gl_VertexID) & 3u;
   uint record = uint(gl_InstanceID) * kQuads + (uint(gl_VertexID) >> 2u);
   ivec2 texel = ivec2(record % kRecordRow, record / kRecordRow);
@@ -68,4 +70,5 @@ void main() {
   splat_a = vec4(splat.mean, splat.falloff.xx, splat.falloff.xy);
   splat_b = vec2(splat.falloff.yy, splat.peak);
   splat_colour = splat.colour;
+  splat_depth = splat.depth;
 }

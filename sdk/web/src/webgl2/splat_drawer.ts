@@ -7,7 +7,9 @@ import type { Rows } from "./atlas";
 import { Program, Table } from "./gl";
 import type { OrderTextures } from "./order_textures";
 import { kMaxRecords, kRecordRow, Records } from "./records";
-import { projectFragment, resolveVertex, splatFragment, splatVertex } from "./shaders";
+import {
+  projectFragment, resolveVertex, splatDepthFragment, splatFragment, splatVertex,
+} from "./shaders";
 
 /** A segment as it is drawn. */
 export interface Drawn {
@@ -47,9 +49,9 @@ export class SplatDrawer {
   private readonly records: Records;
 
   /** Creates the objects. Throws an Error if a shader cannot be built. */
-  constructor(private readonly gl: WebGL2RenderingContext) {
+  constructor(private readonly gl: WebGL2RenderingContext, hasDepth: boolean) {
     this.projection = new Program(gl, resolveVertex, projectFragment);
-    this.splats = new Program(gl, splatVertex, splatFragment);
+    this.splats = new Program(gl, splatVertex, hasDepth ? splatDepthFragment : splatFragment);
     this.atlas = new Atlas(gl);
     this.segments = new Table(gl, 4);
     this.records = new Records(gl);

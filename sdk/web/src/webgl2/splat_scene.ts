@@ -17,6 +17,8 @@ export interface SplatSceneOptions {
   sorterUrl: string | URL;
   /** Whether the worker retains all words, to restore them after the context was lost. */
   restoresContext: boolean;
+  /** Whether outputs have a second image, for the sums of depths. Default: false. */
+  hasDepth?: boolean;
   /** Receives failures that no call can report, as of the worker. */
   report(error: Error): void;
   /** A new order has arrived: the image of the last follow() may have changed. */
@@ -56,7 +58,7 @@ export class SplatScene {
     private readonly gl: WebGL2RenderingContext, private readonly options: SplatSceneOptions,
   ) {
     this.guard = options.guard ?? ((work) => work());
-    this.drawer = this.guard(() => new SplatDrawer(gl));
+    this.drawer = this.guard(() => new SplatDrawer(gl, options.hasDepth ?? false));
     this.createTextures();
     this.sorter = new SorterClient(options.sorterUrl, {
       onOrder: (order, milliseconds) => this.adopt(order, milliseconds),
@@ -148,7 +150,7 @@ export class SplatScene {
 
   /** The context is restored: creates its objects again, and requests the words. */
   restore(): void {
-    this.drawer = this.guard(() => new SplatDrawer(this.gl));
+    this.drawer = this.guard(() => new SplatDrawer(this.gl, this.options.hasDepth ?? false));
     this.createTextures();
     this.orders.forEach((view) => this.uploadOrder(view));
     if (this.options.restoresContext) this.sorter.requestWords();
