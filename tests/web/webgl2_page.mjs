@@ -86,10 +86,10 @@ async function renderDepth({ scene, cases }) {
     const renderer = createWebGl2Renderer(canvasWithout(missing), { depth: true });
     for (const segment of await segmentsOf(scene)) renderer.addSegment(segment);
     await renderer.renderExactly(camera, ticks);
-    const gl = renderer.views.context, depth = gl.createTexture();
+    const gl = renderer.context, depth = gl.createTexture();
     gl.bindTexture(gl.TEXTURE_2D, depth);
     gl.texStorage2D(gl.TEXTURE_2D, 1, gl.R32F, camera.width, camera.height);
-    renderer.views.renderViews(null, [{ camera, x: 0, y: 0, depth }], ticks, true);
+    renderer.renderViews(null, [{ camera, x: 0, y: 0, depth }], ticks, true);
     await post(`${name}.withdepth.f32`, await renderer.readPixels());
     await post(`${name}.${suffix}`, valuesOf(gl, depth, camera.width, camera.height));
     renderer.destroy();
@@ -153,8 +153,8 @@ async function postErrors({ scene, cases }) {
   };
   attempt("segment", () => renderer.addSegment({ ...segment, words: segment.words.slice(8) }));
   for (const [key, options] of [["depth", {}], ["texture", { depth: true }]]) {
-    const { views } = createWebGl2Renderer(document.createElement("canvas"), options);
-    const view = { camera: cases[0].camera, x: 0, y: 0, depth: views.context.createTexture() };
+    const { context, views } = createWebGl2Renderer(document.createElement("canvas"), options);
+    const view = { camera: cases[0].camera, x: 0, y: 0, depth: context.createTexture() };
     attempt(key, () => views.renderViews(null, [view], 0, true));
   }
   attempt("extension", () => createWebGl2Renderer(canvasWithout("EXT_color_buffer_float"), { depth: true }));
