@@ -79,19 +79,20 @@ function valuesOf(gl, texture, width, height) {
     pixels[4 * ((height - 1 - Math.floor(k / width)) * width + (k % width))]));
 }
 
-/** Posts the depth of a case with sums of floats and of half floats, as NAME.depth32 and .depth16. */
+/** Posts the depths of two cases with sums of floats and of half floats, as NAME.depth32 and .depth16. */
 async function renderDepth({ scene, cases }) {
-  const [{ name, camera, ticks }] = cases;
   for (const [suffix, missing] of [["depth32", ""], ["depth16", "EXT_float_blend"]]) {
     const renderer = createWebGl2Renderer(canvasWithout(missing), { depth: true });
     for (const segment of await segmentsOf(scene)) renderer.addSegment(segment);
-    await renderer.renderExactly(camera, ticks);
-    const gl = renderer.context, depth = gl.createTexture();
-    gl.bindTexture(gl.TEXTURE_2D, depth);
-    gl.texStorage2D(gl.TEXTURE_2D, 1, gl.R32F, camera.width, camera.height);
-    renderer.renderViews(null, [{ camera, x: 0, y: 0, depth }], ticks, true);
-    await post(`${name}.withdepth.f32`, await renderer.readPixels());
-    await post(`${name}.${suffix}`, valuesOf(gl, depth, camera.width, camera.height));
+    for (const { name, camera, ticks } of [cases[0], cases[2]]) {
+      await renderer.renderExactly(camera, ticks);
+      const gl = renderer.context, depth = gl.createTexture();
+      gl.bindTexture(gl.TEXTURE_2D, depth);
+      gl.texStorage2D(gl.TEXTURE_2D, 1, gl.R32F, camera.width, camera.height);
+      renderer.renderViews(null, [{ camera, x: 0, y: 0, depth }], ticks, true);
+      await post(`${name}.withdepth.f32`, await renderer.readPixels());
+      await post(`${name}.${suffix}`, valuesOf(gl, depth, camera.width, camera.height));
+    }
     renderer.destroy();
   }
 }
