@@ -93,6 +93,8 @@ class WebGl2Test(RendererCase):
         self.assertRegex(errors["worker"], "^the sorter missing.js failed")
         self.assertEqual(errors["reported"], errors["worker"])
         self.assertEqual(errors["destroyed"], "the renderer was destroyed")
+        self.assertRegex(errors["memory"], "^the GPU has no memory for the splats of a frame; lower")
+        self.assertEqual(errors["reportedMemory"], errors["memory"])
         self.assertRegex(errors["depth"], "created without the option depth$")
         self.assertRegex(errors["texture"], "^the depth texture of a view cannot be drawn to")
         self.assertRegex(errors["extension"], "^depth needs EXT_color_buffer_float")

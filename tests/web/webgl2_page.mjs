@@ -135,6 +135,17 @@ async function renderRestored({ scene, cases }) {
   await postFrame(`${one.name}.restored`, page);
 }
 
+/** A canvas whose context has no memory for textures of records (records.ts). */
+function canvasWithoutMemory() {
+  const canvas = canvasWithout("");
+  const gl = canvas.getContext("webgl2"), allocate = gl.texImage2D.bind(gl);
+  gl.texImage2D = (target, level, format, width, ...others) => {
+    const isOfRecords = format === gl.RGBA32UI && width === 4096;
+    allocate(target, level, format, isOfRecords ? 2 ** 20 : width, ...others); // too large
+  };
+  return canvas;
+}
+
 /** Posts the messages of calls that must fail. */
 async function postErrors({ scene, cases }) {
   const messages = {};
@@ -164,6 +175,12 @@ async function postErrors({ scene, cases }) {
   const exact = other.renderExactly(cases[0].camera, 0);
   other.destroy();
   await exact.catch(keep("destroyed"));
+  const small = createWebGl2Renderer(canvasWithoutMemory(), {
+    onError: (error) => { messages.reportedMemory = error.message; },
+  });
+  for (const one of await segmentsOf(scene)) small.addSegment(one);
+  await small.renderExactly(cases[0].camera, cases[0].ticks).catch(keep("memory"));
+  small.destroy();
   await post("errors.json", JSON.stringify(messages));
 }
 
