@@ -22,7 +22,9 @@ class EngineCase(PackageCase):
         self.assertGreater(value, 40)
 
     def check_state(self):
-        """Other objects are drawn as without a scene, and a scene out of sight is not drawn."""
-        is_same, draws = self.check("compareState()")
+        """Other objects are drawn as without a scene, a scene out of sight is not drawn, and drawing changes
+        no state of the context."""
+        is_same, draws, changed = self.check("compareState()")
         self.assertTrue(is_same)
         self.assertEqual(draws, 0)
+        self.assertEqual(changed, [])

@@ -74,4 +74,35 @@ export function countObjects(gl) {
   return counts;
 }
 
+/** Parameters of a context that drawing splats may change, and that others rely on. */
+const STATE = [
+  "ACTIVE_TEXTURE", "ARRAY_BUFFER_BINDING", "BLEND", "BLEND_DST_ALPHA", "BLEND_DST_RGB",
+  "BLEND_EQUATION_ALPHA", "BLEND_EQUATION_RGB", "BLEND_SRC_ALPHA", "BLEND_SRC_RGB",
+  "COLOR_WRITEMASK", "CULL_FACE", "CURRENT_PROGRAM", "DEPTH_FUNC", "DEPTH_TEST", "DEPTH_WRITEMASK",
+  "DRAW_FRAMEBUFFER_BINDING", "ELEMENT_ARRAY_BUFFER_BINDING", "PIXEL_UNPACK_BUFFER_BINDING",
+  "POLYGON_OFFSET_FILL", "RASTERIZER_DISCARD", "READ_FRAMEBUFFER_BINDING",
+  "SAMPLE_ALPHA_TO_COVERAGE", "SCISSOR_BOX", "SCISSOR_TEST", "STENCIL_TEST", "UNPACK_ALIGNMENT",
+  "UNPACK_FLIP_Y_WEBGL", "UNPACK_ROW_LENGTH", "VERTEX_ARRAY_BINDING", "VIEWPORT",
+];
+const BINDINGS = ["SAMPLER_BINDING", "TEXTURE_BINDING_2D", "TEXTURE_BINDING_2D_ARRAY"];
+
+/** Calls `work`. Returns the names of the parameters of a context that differ afterwards. */
+export function changedState(gl, work) {
+  const state = () => {
+    const values = STATE.map((name) => [name, gl.getParameter(gl[name])]);
+    const [[, active]] = values;
+    for (let unit = 0; unit < 8; ++unit) {
+      gl.activeTexture(gl.TEXTURE0 + unit);
+      for (const name of BINDINGS) values.push([`${name} ${unit}`, gl.getParameter(gl[name])]);
+    }
+    gl.activeTexture(active);
+    return values;
+  };
+  const isSame = (a, b) => a === b || (a?.length > 0 && String(a) === String(b));
+  const before = state();
+  work();
+  const after = state();
+  return before.filter(([, value], k) => !isSame(value, after[k][1])).map(([name]) => name);
+}
+
 export const delay = (milliseconds) => new Promise((done) => setTimeout(done, milliseconds));

@@ -3,7 +3,7 @@
 import * as pc from "playcanvas";
 import { StgsScript } from "stgs/playcanvas";
 import {
-  BACKGROUND, BOX, CAMERA, compare, compareBoxes, countObjects, delay, FAR, FOV,
+  BACKGROUND, BOX, CAMERA, changedState, compare, compareBoxes, countObjects, delay, FAR, FOV,
   HEIGHT, imageOf, NEAR, WIDTH,
 } from "./engine_checks.js";
 
@@ -125,7 +125,10 @@ window.compareMoved = async () => {
   return value;
 };
 
-/** Objects around a scene that is off screen are drawn as without it. */
+/**
+ * Whether objects around a scene are drawn as without it, how often it is drawn out of sight, and the
+ * state of the context that drawing it changes.
+ */
 window.compareState = async () => {
   await begin();
   addBox(2, 0.5, [90, 200, 30]);
@@ -135,12 +138,12 @@ window.compareState = async () => {
   glass.render.material.update();
   const expected = await render();
   const { entity, player } = await addScene(1);
-  const draw = player.draw;
+  const draw = player.draw, changed = [];
   player.draw = (view) => { // into no pixel
     gl.enable(gl.SCISSOR_TEST);
     const box = gl.getParameter(gl.SCISSOR_BOX);
     gl.scissor(0, 0, 0, 0);
-    draw.call(player, view);
+    changed.push(...changedState(gl, () => draw.call(player, view)));
     gl.scissor(...box);
   };
   const image = await render();
@@ -150,7 +153,7 @@ window.compareState = async () => {
   player.draw = () => ++draws;
   await render();
   finish();
-  return [isSame, draws];
+  return [isSame, draws, changed];
 };
 
 /** Returns the objects of the context before a scene, with it and after it. */

@@ -160,3 +160,18 @@ class RendererCase(unittest.TestCase):
         """Nothing is drawn."""
         name = f"{list(self.cases)[index]}.{variant}"
         self.assertEqual(max(max(plane) for plane in self.image(name)), 0)
+
+    def check_depth(self, name, suffix, median, most):
+        """The depth of a case that the page posted as NAME.SUFFIX has these relative errors: the median of
+        its pixels, and that of 99.9 % of them."""
+        scene, camera_name, ticks, _ = self.cases[name]
+        *_, alpha, z = self.reference(scene, camera_name, ticks)
+        depth = array.array("f", self.posts[f"{name}.{suffix}"])
+        # A splat whose alpha is at its threshold in a pixel may count there or not.
+        errors = sorted(abs(d / r - 1) for d, r, a in zip(depth, z, alpha) if a > 0.05)
+        figures = errors[len(errors) // 2], errors[int(0.999 * len(errors))], errors[-1]
+        print(f"{name}.{suffix}: {figures}")
+        self.assertGreater(len(errors), len(z) / 4)
+        self.assertLess(figures[0], median)
+        self.assertLess(figures[1], most)
+        self.assertTrue(all(d == 0 for d, a in zip(depth, alpha) if a == 0))

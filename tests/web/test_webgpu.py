@@ -96,18 +96,8 @@ class WebGpuTest(RendererCase):
     def test_depth_equals_that_of_the_native_renderer(self):
         for index in (0, 2):
             name = list(self.cases)[index]
-            scene, camera_name, ticks, _ = self.cases[name]
-            *_, alpha, z = self.reference(scene, camera_name, ticks)
             for suffix, median, most in (("depth32", 1e-5, 5e-3), ("depth16", 2e-3, 1e-2)):
-                depth = array.array("f", self.posts[f"{name}.{suffix}"])
-                # A splat whose alpha is at its threshold in a pixel may count there or not.
-                errors = sorted(abs(d / r - 1) for d, r, a in zip(depth, z, alpha) if a > 0.05)
-                figures = errors[len(errors) // 2], errors[int(0.999 * len(errors))], errors[-1]
-                print(f"{name}.{suffix}: {figures}")
-                self.assertGreater(len(errors), len(z) / 4)
-                self.assertLess(figures[0], median)
-                self.assertLess(figures[1], most)
-                self.assertTrue(all(d == 0 for d, a in zip(depth, alpha) if a == 0))
+                self.check_depth(name, suffix, median, most)
             if index == 0:
                 self.check_variant("withdepth", TARGETS)
 

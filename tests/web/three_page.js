@@ -3,7 +3,7 @@
 import * as THREE from "three";
 import { StgsMesh } from "stgs/three";
 import {
-  BACKGROUND, BOX, CAMERA, compare, compareBoxes, countObjects, delay, FAR, FOV,
+  BACKGROUND, BOX, CAMERA, changedState, compare, compareBoxes, countObjects, delay, FAR, FOV,
   HEIGHT, imageOf, NEAR, WIDTH,
 } from "./engine_checks.js";
 import { plainImage, psnr, readCanvas } from "./decode_scene.js";
@@ -107,8 +107,8 @@ window.compareMoved = async () => {
 };
 
 /**
- * Whether textured and lit objects around a scene are drawn as without it, and how often the scene
- * is drawn in passes with another material.
+ * Whether textured and lit objects around a scene are drawn as without it, how often the scene is
+ * drawn in passes with another material, and the state of the context that drawing it changes.
  */
 window.compareState = async () => {
   begin();
@@ -125,13 +125,14 @@ window.compareState = async () => {
   scene.add(box, glass, new THREE.AmbientLight(0xffffff, 2));
   const expected = await render();
   const mesh = await addScene(1);
+  const changed = [];
   mesh.onBeforeRender = new Proxy(mesh.onBeforeRender, {
     // The splats are drawn into no pixel, so that the rest has to be as before.
     apply: (draw, self, parameters) => {
       const gl = renderer.getContext();
       gl.enable(gl.SCISSOR_TEST);
       gl.scissor(0, 0, 0, 0);
-      draw.apply(self, parameters);
+      changed.push(...changedState(gl, () => draw.apply(self, parameters)));
       gl.disable(gl.SCISSOR_TEST);
     },
   });
@@ -142,7 +143,7 @@ window.compareState = async () => {
   scene.overrideMaterial = new THREE.MeshNormalMaterial();
   await render();
   finish();
-  return [isSame, draws];
+  return [isSame, draws, changed];
 };
 
 /** Two scenes at once, in a target with linear colours. */

@@ -25,6 +25,12 @@ export function drawEyes(splats: SplatRenderer, player: SegmentPlayer, eyes: Spl
   if (ticks !== null && cameras.length > 0) splats.drawViews(eyes, ticks, null);
 }
 
+export function drawWithDepth(canvas: HTMLCanvasElement, camera: Camera, ticks: number): void {
+  const renderer = createWebGl2Renderer(canvas, { depth: true });
+  const depth = renderer.context.createTexture();
+  if (depth !== null) renderer.renderViews(null, [{ camera, x: 0, y: 0, depth }], ticks, true);
+}
+
 // @ts-expect-error: not a renderer
 new SegmentPlayer({});
 

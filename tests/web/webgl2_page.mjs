@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // Renders the cases of job.json and posts their pixels. See test_webgl2.py.
 import { createWebGl2Renderer } from "./renderer.js";
+import { createWebGl2Renderer as createPartsRenderer } from "./renderer_parts.js";
 import {
   canvasDifference, copyOf, delay, nextFrame, post, postFrame, runPage, segmentsOf, shifted,
 } from "./scene_page.mjs";
 
-function rendererFor(options) {
+function rendererFor(options, create = createWebGl2Renderer) {
   const canvas = document.createElement("canvas");
   document.body.append(canvas);
-  const renderer = createWebGl2Renderer(canvas, {
+  const renderer = create(canvas, {
     ...options, onError: (error) => post("error", String(error)),
   });
   return { canvas, renderer };
@@ -59,6 +60,51 @@ async function renderReplaced({ scene, cases }) {
   await postFrame(`${one.name}.empty`, page);
 }
 
+/** A canvas whose context lacks an extension. */
+function canvasWithout(extension) {
+  const canvas = document.createElement("canvas");
+  const gl = canvas.getContext("webgl2", { antialias: false });
+  const find = gl.getExtension.bind(gl);
+  gl.getExtension = (name) => (name === extension ? null : find(name));
+  return canvas;
+}
+
+/** Returns the values of a texture in R32F, row by row from the top. */
+function valuesOf(gl, texture, width, height) {
+  gl.bindFramebuffer(gl.FRAMEBUFFER, gl.createFramebuffer());
+  gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, texture, 0);
+  const pixels = new Float32Array(4 * width * height);
+  gl.readPixels(0, 0, width, height, gl.RGBA, gl.FLOAT, pixels);
+  return Float32Array.from({ length: width * height }, (_, k) => (
+    pixels[4 * ((height - 1 - Math.floor(k / width)) * width + (k % width))]));
+}
+
+/** Posts the depth of a case with sums of floats and of half floats, as NAME.depth32 and .depth16. */
+async function renderDepth({ scene, cases }) {
+  const { name, camera, ticks } = cases[2];
+  for (const [suffix, missing] of [["depth32", ""], ["depth16", "EXT_float_blend"]]) {
+    const renderer = createWebGl2Renderer(canvasWithout(missing), { depth: true });
+    for (const segment of await segmentsOf(scene)) renderer.addSegment(segment);
+    await renderer.renderExactly(camera, ticks);
+    const gl = renderer.context, depth = gl.createTexture();
+    gl.bindTexture(gl.TEXTURE_2D, depth);
+    gl.texStorage2D(gl.TEXTURE_2D, 1, gl.R32F, camera.width, camera.height);
+    renderer.renderViews(null, [{ camera, x: 0, y: 0, depth }], ticks, true);
+    await post(`${name}.${suffix}.f32`, await renderer.readPixels());
+    await post(`${name}.${suffix}`, valuesOf(gl, depth, camera.width, camera.height));
+    renderer.destroy();
+  }
+}
+
+/** Draws an order in several parts. */
+async function renderParts({ scene, cases }) {
+  const [one] = cases;
+  const page = rendererFor({}, createPartsRenderer);
+  for (const segment of await segmentsOf(scene)) page.renderer.addSegment(segment);
+  await page.renderer.renderExactly(one.camera, one.ticks);
+  await postFrame(`${one.name}.parts`, page);
+}
+
 /** A scene at a late time of the timeline, which single precision cannot represent. */
 async function renderShifted({ scene, cases }) {
   const [one] = cases;
@@ -89,6 +135,17 @@ async function renderRestored({ scene, cases }) {
   await postFrame(`${one.name}.restored`, page);
 }
 
+/** A canvas whose context has no memory for textures of records (records.ts). */
+function canvasWithoutMemory() {
+  const canvas = canvasWithout("");
+  const gl = canvas.getContext("webgl2"), allocate = gl.texImage2D.bind(gl);
+  gl.texImage2D = (target, level, format, width, ...others) => {
+    const isOfRecords = format === gl.RGBA32UI && width === 4096;
+    allocate(target, level, format, isOfRecords ? 2 ** 20 : width, ...others); // too large
+  };
+  return canvas;
+}
+
 /** Posts the messages of calls that must fail. */
 async function postErrors({ scene, cases }) {
   const messages = {};
@@ -97,24 +154,39 @@ async function postErrors({ scene, cases }) {
     sorterUrl: "missing.js", onError: (error) => { messages.reported = error.message; },
   });
   const [segment] = await segmentsOf(scene);
-  try {
-    renderer.addSegment({ ...segment, words: segment.words.slice(8) });
-  } catch (error) {
-    messages.segment = error.message;
-  }
   const keep = (key) => (error) => { messages[key] = error.message; };
+  const attempt = (key, work) => {
+    try {
+      work();
+    } catch (error) {
+      keep(key)(error);
+    }
+  };
+  attempt("segment", () => renderer.addSegment({ ...segment, words: segment.words.slice(8) }));
+  for (const [key, options] of [["depth", {}], ["texture", { depth: true }]]) {
+    const { context, views } = createWebGl2Renderer(document.createElement("canvas"), options);
+    const view = { camera: cases[0].camera, x: 0, y: 0, depth: context.createTexture() };
+    attempt(key, () => views.renderViews(null, [view], 0, true));
+  }
+  attempt("extension", () => createWebGl2Renderer(canvasWithout("EXT_color_buffer_float"), { depth: true }));
   await renderer.renderExactly(cases[0].camera, 0).catch(keep("worker"));
   renderer.destroy();
   const other = createWebGl2Renderer(document.createElement("canvas"));
   const exact = other.renderExactly(cases[0].camera, 0);
   other.destroy();
   await exact.catch(keep("destroyed"));
+  const small = createWebGl2Renderer(canvasWithoutMemory(), {
+    onError: (error) => { messages.reportedMemory = error.message; },
+  });
+  for (const one of await segmentsOf(scene)) small.addSegment(one);
+  await small.renderExactly(cases[0].camera, cases[0].ticks).catch(keep("memory"));
+  small.destroy();
   await post("errors.json", JSON.stringify(messages));
 }
 
 runPage(async ({ scenes }) => {
   for (const scene of scenes) await renderScene(scene);
-  for (const test of [renderBackground, renderReplaced, renderShifted, renderRestored, postErrors]) {
+  for (const test of [renderBackground, renderReplaced, renderShifted, renderParts, renderDepth, renderRestored, postErrors]) {
     await test(scenes[0]);
   }
 });

@@ -143,6 +143,12 @@ export interface RenderView {
   camera: Camera;
   x: number;
   y: number;
+  /**
+   * Receives the mean depth of the splats along the axis of the camera, scene units, at most 65504; 0
+   * where there are none. A texture in R32F of the size of the image, rows from the bottom. Only if the
+   * renderer was created with `depth`.
+   */
+  depth?: WebGLTexture;
 }
 /** Draws several views of one frame, as the eyes of a headset. */
 export interface ViewRenderer {
@@ -150,7 +156,8 @@ export interface ViewRenderer {
   /**
    * Draws the views at `ticks` of the timeline into a framebuffer of the context; null: that of the
    * canvas. Views with parallel axes have one order of depth, others one each. With `isClear`, alpha
-   * is that of the splats; otherwise the background of the scene is behind them.
+   * is that of the splats; otherwise the background of the scene is behind them. Throws an Error if
+   * the renderer cannot write the depth of a view.
    */
   renderViews(
     to: WebGLFramebuffer | null, views: readonly RenderView[], ticks: number, isClear: boolean,

@@ -26,7 +26,10 @@ HEADER = ("#version 300 es\nprecision highp float;\nprecision highp int;\n"
 # Selects the branches for GLSL in lang.h. WebGL does not allow the name in the text itself.
 DEFINED = {"GL_core_profile"}
 # Folder: name in its module: file.
-SHADERS = {"webgl2": {"splatVertex": "splat.vert.glsl", "splatFragment": "splat.frag.glsl",
+SHADERS = {"webgl2": {"projectFragment": "project.frag.glsl",
+                      "splatVertex": "splat.vert.glsl", "splatFragment": "splat.frag.glsl",
+                      "splatDepthFragment": "splat_depth.frag.glsl",
+                      "depthFragment": "depth.frag.glsl",
                       "resolveVertex": "resolve.vert.glsl",
                       "resolveFragment": "resolve.frag.glsl"},
            "webgpu": {"projectShader": "project.wgsl", "sortShader": "sort.wgsl",

@@ -67,10 +67,15 @@ export class EnginePlayer extends SegmentPlayer {
       number, number, number, number];
     const viewFromScene = product(view.viewFromWorld, view.worldFromScene);
     const camera = cameraOfMatrices(view.projection, viewFromScene, width, height, view.near);
+    const target: WebGLFramebuffer | null = gl.getParameter(gl.DRAW_FRAMEBUFFER_BINDING);
+    const bind = () => {
+      gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, target);
+      gl.viewport(left, bottom, width, height);
+    };
     preserveState(gl, () => {
       drawAmongObjects(gl, view.isReversed);
       splats.draw(camera, ticks, {
-        left, top: bottom + height, depth: depthMapping(view), isLinear: view.isLinear,
+        bind, left, top: bottom + height, depth: depthMapping(view), isLinear: view.isLinear,
       });
     });
     splats.follow(camera, ticks);

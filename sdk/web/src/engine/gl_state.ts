@@ -2,7 +2,7 @@
 // The state of a WebGL2 context that a 3D engine tracks, preserved around calls of our own.
 
 /** Texture units that the shaders use. */
-const kUnits = 3;
+const kUnits = 4;
 
 /** Ways to unpack texture data that are not those of a new context. */
 const kUnpackDefaults = [
@@ -60,6 +60,7 @@ function saveBindings(gl: WebGL2RenderingContext): () => void {
   const buffer: WebGLBuffer | null = gl.getParameter(gl.ARRAY_BUFFER_BINDING);
   const pixels: WebGLBuffer | null = gl.getParameter(gl.PIXEL_UNPACK_BUFFER_BINDING);
   const source: WebGLFramebuffer | null = gl.getParameter(gl.READ_FRAMEBUFFER_BINDING);
+  const target: WebGLFramebuffer | null = gl.getParameter(gl.DRAW_FRAMEBUFFER_BINDING);
   gl.bindBuffer(gl.PIXEL_UNPACK_BUFFER, null);
   return () => {
     gl.useProgram(program);
@@ -67,6 +68,7 @@ function saveBindings(gl: WebGL2RenderingContext): () => void {
     gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
     gl.bindBuffer(gl.PIXEL_UNPACK_BUFFER, pixels);
     gl.bindFramebuffer(gl.READ_FRAMEBUFFER, source);
+    gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, target);
   };
 }
 

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-import { created, sampleNearest } from "./gl";
+import { created, sampleNearest, succeeds } from "./gl";
 import { RowAllocator } from "./rows";
 
-/** Pairs of words per row; `kRowBits` of splat.vert.glsl is its logarithm. */
+/** Pairs of words per row; `kRowBits` of project.frag.glsl is its logarithm. */
 const kRowPairs = 4096;
-/** Rows per layer; `kLayerBits` of splat.vert.glsl is its logarithm. A layer has 8 MiB. */
+/** Rows per layer; `kLayerBits` of project.frag.glsl is its logarithm. A layer has 8 MiB. */
 const kLayerRows = 256;
 
 /** Rows of the atlas with the words of one segment. */
@@ -88,10 +88,10 @@ export class Atlas {
     const gl = this.gl;
     const layers = Math.min(this.maxLayers, Math.max(needed, Math.ceil(1.5 * this.layers)));
     const texture = created(gl.createTexture(), "texture");
-    while (gl.getError() !== gl.NO_ERROR && !gl.isContextLost());
     gl.bindTexture(gl.TEXTURE_2D_ARRAY, texture);
-    gl.texStorage3D(gl.TEXTURE_2D_ARRAY, 1, gl.RG32UI, kRowPairs, kLayerRows, layers);
-    if (gl.getError() === gl.OUT_OF_MEMORY) {
+    const fits = succeeds(gl, () => gl.texStorage3D(
+      gl.TEXTURE_2D_ARRAY, 1, gl.RG32UI, kRowPairs, kLayerRows, layers));
+    if (!fits) {
       gl.deleteTexture(texture);
       throw new Error("the GPU has no memory for the segments; lower the memory budget");
     }

@@ -53,7 +53,26 @@ export function sampleNearest(gl: WebGL2RenderingContext, target: number): void 
   gl.texParameteri(target, gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE);
 }
 
-/** Texels per row of a Table; `kTableBits` of splat.vert.glsl is its logarithm. */
+/** Calls `allocate`. Returns whether it had no error, such as a lack of GPU memory. */
+export function succeeds(gl: WebGL2RenderingContext, allocate: () => void): boolean {
+  while (gl.getError() !== gl.NO_ERROR && !gl.isContextLost());
+  allocate();
+  return gl.getError() === gl.NO_ERROR || gl.isContextLost();
+}
+
+/**
+ * Makes the bound 2D texture one of unsigned integers, as they are. Returns false if it is too large
+ * for the GPU.
+ */
+export function allocateTexture(
+  gl: WebGL2RenderingContext, internal: number, format: number, width: number, height: number,
+): boolean {
+  sampleNearest(gl, gl.TEXTURE_2D);
+  return succeeds(gl, () => gl.texImage2D(
+    gl.TEXTURE_2D, 0, internal, width, height, 0, format, gl.UNSIGNED_INT, null));
+}
+
+/** Texels per row of a Table; `kTableBits` of project.frag.glsl is its logarithm. */
 const kTableWidth = 1024;
 
 /** A list of integers in a texture, with one or four of them to a texel. */

@@ -23,6 +23,11 @@ export interface WebGl2Options {
    * true. If false, the caller adds all segments again.
    */
   restoresContext?: boolean;
+  /**
+   * Whether views have a depth. It needs the extension EXT_color_buffer_float. Without EXT_float_blend,
+   * depths are summed as half floats, which is less precise. Default: false.
+   */
+  depth?: boolean;
   /** Receives failures that no call can report, as of the worker. Default: console.error. */
   onError?: (error: Error) => void;
 }
@@ -36,6 +41,7 @@ class WebGl2Renderer implements Renderer, ViewRenderer {
   readonly statistics;
   private readonly splats: SplatScene;
   private readonly format: TargetFormat;
+  private readonly hasDepth: boolean;
   private readonly background: Background | null;
   private sceneBackground: Background = [0, 0, 0, 1];
   private frame: Frame | null; // null while the context is lost
@@ -49,10 +55,12 @@ class WebGl2Renderer implements Renderer, ViewRenderer {
     this.background = options.background ?? null;
     this.onError = options.onError ?? ((error) => console.error(error));
     this.format = targetFormat(context, options.target ?? "rgba16f");
-    this.frame = new Frame(context, this.format);
+    this.hasDepth = options.depth ?? false;
+    this.frame = new Frame(context, this.format, this.hasDepth);
     this.splats = new SplatScene(context, {
       sorterUrl: options.sorterUrl ?? new URL("./stgs-sorter.js", import.meta.url),
       restoresContext: options.restoresContext ?? true,
+      hasDepth: this.hasDepth,
       report: (error) => this.onError(error),
       onOrder: () => this.drawSoon(),
     });
@@ -95,14 +103,18 @@ class WebGl2Renderer implements Renderer, ViewRenderer {
     const cameras = views.map((view) => view.camera);
     const [first, ...others] = cameras;
     if (first === undefined) return;
+    if (!this.hasDepth && views.some((view) => view.depth !== undefined)) {
+      throw new Error("a view has a depth texture, but the renderer was created without the option depth");
+    }
     this.onCanvas = null;
     ++this.frames;
     const isShared = others.every((camera) => isParallel(first, camera));
     this.splats.setViews(isShared ? 1 : views.length);
-    views.forEach(({ camera, x, y }, k) => {
+    views.forEach(({ camera, x, y, depth }, k) => {
       const at = { x, y, width: camera.width, height: camera.height };
       const background = isClear ? kClear : this.opaqueBackground();
       this.drawImage(camera, ticks, to, at, background, isShared ? 0 : k);
+      if (depth !== undefined) this.frame?.writeDepth(depth);
     });
     if (isShared) this.splats.follow(sharedCamera([first, ...others]), ticks);
     else cameras.forEach((camera, k) => this.splats.follow(camera, ticks, k));
@@ -137,9 +149,11 @@ class WebGl2Renderer implements Renderer, ViewRenderer {
     camera: Camera, ticks: number, to: WebGLFramebuffer | null, at: Viewport,
     background: Background, view = 0,
   ): void {
-    this.frame?.begin(camera.width, camera.height);
-    this.splats.draw(camera, ticks, imageOutput(camera.height), view);
-    this.frame?.show(to, at, background);
+    const { frame } = this;
+    if (frame === null) return;
+    frame.begin(camera.width, camera.height);
+    this.splats.draw(camera, ticks, imageOutput(camera.height, () => frame.bind()), view);
+    frame.show(to, at, background);
   }
 
   /** Draws the canvas in the new order, unless the caller renders in the same frame anyway. */
@@ -159,14 +173,15 @@ class WebGl2Renderer implements Renderer, ViewRenderer {
 
   private readonly onRestored = (): void => {
     targetFormat(this.context, this.format); // extensions are lost as well
-    this.frame = new Frame(this.context, this.format);
+    this.frame = new Frame(this.context, this.format, this.hasDepth);
     this.splats.restore();
   };
 }
 
 /**
  * Creates a renderer for a canvas without another context. The canvas takes the size of the camera
- * of each frame, whole pixels. Throws an Error if WebGL2 is not available.
+ * of each frame, whole pixels. Throws an Error if WebGL2 is not available, or an extension that the
+ * options need.
  *
  * In `statistics`, `primitives` are those of all segments that were added, and `visible` those of
  * the current order, which are active at its time or, during playback, become active soon. While

@@ -1,135 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
-// Computes the splat of one primitive, as project.comp of the native renderer does, and the corners
-// of the pixels that it covers. One instance per entry of the depth order, four vertices each.
-#include "stgs/format/math/blend.h"
-#include "stgs/format/math/lifespan.h"
-#include "stgs/format/math/project.h"
+// Draws the splats of records: for each, a rectangle around the pixels that it covers. An instance has
+// kQuads of them, with four vertices each.
 #include "stgs/format/math/screen_splat.h"
-#include "stgs/format/math/sh.h"
+#include "record.glsl"
 
-// The packed segments: pairs of 32-bit words, kRowPairs to a row, kLayerRows rows to a layer.
-uniform usampler2DArray atlas;
-// Per segment of the order, two texels: (first row, n, degree, first entry in the order), then
-// (primitives, bits of the time, bits of its rounding error, 0). 0 primitives: not shown now.
-uniform usampler2D segments;
-// Per group of 256 entries of the order: its segment, as an index into `segments`.
-uniform usampler2D groups;
-uniform vec4 view[6];
-#include "../splat_view.h"
+uniform usampler2D records_a, records_b;  // that project.frag.glsl wrote
+uniform vec2 image_size;                  // pixels
 // (a, b, c): a splat at z in front of the camera has depth a + b / z + c log2(1 + z), in NDC.
 uniform vec3 depth_mapping;
-uniform bool is_linear;  // whether colours are converted from sRGB
-
-// Index of a primitive among the entries of all segments of the order.
-layout(location = 0) in uint entry;
 
 flat out vec4 splat_a;  // mean, falloff.xx, falloff.xy
 flat out vec2 splat_b;  // falloff.yy, peak
 flat out vec3 splat_colour;
+flat out float splat_depth;
 
-const uint kRowBits = 12u, kLayerBits = 8u;  // log2 of kRowPairs and kLayerRows
-const uint kTableBits = 10u;                 // log2 of the width of `segments` and `groups`
+const uint kQuads = 64u;  // as in records.ts
 // Enlarges rectangles that are not aligned to pixels, for the rounding of their corners; pixels.
 const float kBoxMargin = 0.0625;
 const float kRelativeError = 1e-6;  // of their sizes
-
-// The data of a segment: arrays of n entries, a multiple of 256 (packed_segment.h).
-struct Arrays {
-  uint row;  // of the atlas
-  uint n;
-  int degree;
-};
-
-uvec2 pair_bits(Arrays at, uint pair) {
-  uint row = at.row + (pair >> kRowBits), column = pair & ((1u << kRowBits) - 1u);
-  uvec3 texel = uvec3(column, row & ((1u << kLayerBits) - 1u), row >> kLayerBits);
-  return texelFetch(atlas, ivec3(texel), 0).xy;
-}
-
-vec2 pair_at(Arrays at, uint pair) {
-  return uintBitsToFloat(pair_bits(at, pair));
-}
-
-// Reads element i of an array of four floats that begins at `pair`.
-vec4 four_at(Arrays at, uint pair, uint i) {
-  return vec4(pair_at(at, pair + 2u * i), pair_at(at, pair + 2u * i + 1u));
-}
-
-uvec4 table_at(usampler2D table, uint index) {
-  return texelFetch(table, ivec2(index & ((1u << kTableBits) - 1u), index >> kTableBits), 0);
-}
-
-// Four SH numbers of primitive i.
-vec4 sh_plane(Arrays at, uint i, uint plane) {
-  uvec2 bits = pair_bits(at, (9u + plane) * at.n + i);
-  return vec4(unpackHalf2x16(bits.x), unpackHalf2x16(bits.y));
-}
-
-// Sum over four coefficients of three channels, which are stored in three planes.
-vec3 sh_block(Arrays at, uint i, uint block, vec4 basis) {
-  vec4 a = sh_plane(at, i, 3u * block), b = sh_plane(at, i, 3u * block + 1u);
-  vec4 c = sh_plane(at, i, 3u * block + 2u);
-  return basis.x * a.xyz + basis.y * vec3(a.w, b.xy) + basis.z * vec3(b.zw, c.x) + basis.w * c.yzw;
-}
-
-// Returns false if the distance or a sum of the SH coefficients is not finite (representation 4.6).
-bool colour_of(Arrays at, uint i, Vec3 from_camera, out Vec3 colour) {
-  float square = dot3(from_camera, from_camera);
-  float n = 1.0f / sqrt(square);
-  ShBasis b = sh_basis(vec3_of(from_camera.x * n, from_camera.y * n, from_camera.z * n));
-  vec3 sums;
-  if (at.degree == 0) {
-    sums = b.v[0] * sh_plane(at, i, 0u).xyz;
-  } else {
-    sums = sh_block(at, i, 0u, vec4(b.v[0], b.v[1], b.v[2], b.v[3]));
-    if (at.degree >= 2) sums += sh_block(at, i, 1u, vec4(b.v[4], b.v[5], b.v[6], b.v[7]));
-    if (at.degree == 2) sums += b.v[8] * sh_plane(at, i, 6u).xyz;
-    if (at.degree >= 3) {
-      sums += sh_block(at, i, 2u, vec4(b.v[8], b.v[9], b.v[10], b.v[11]));
-      sums += sh_block(at, i, 3u, vec4(b.v[12], b.v[13], b.v[14], b.v[15]));
-    }
-  }
-  colour = vec3_of(sh_colour(sums.x), sh_colour(sums.y), sh_colour(sums.z));
-  return is_finite(square) && is_finite(sums.x) && is_finite(sums.y) && is_finite(sums.z);
-}
-
-Sym3 covariance_at(Arrays at, uint i) {
-  vec4 c = four_at(at, 6u * at.n, i);
-  vec2 rest = pair_at(at, 8u * at.n + i);
-  Sym3 covariance;
-  covariance.xx = c.x;
-  covariance.xy = c.y;
-  covariance.xz = c.z;
-  covariance.yy = c.w;
-  covariance.yz = rest.x;
-  covariance.zz = rest.y;
-  return covariance;
-}
-
-// Computes the splat of primitive i at a time. Returns false if it is not visible.
-bool make_splat(Arrays at, uint i, float ticks, float ticks_rest, out ScreenSplat splat) {
-  vec2 support = pair_at(at, i);
-  if (!(support.x <= ticks && ticks <= support.y)) return false;
-  vec4 position_time = four_at(at, at.n, i), velocity_opacity = four_at(at, 3u * at.n, i);
-  vec2 lifespan = pair_at(at, 5u * at.n + i);
-  float dt = since(ticks, ticks_rest, position_time.w);
-  float opacity = velocity_opacity.w * visibility(dt, lifespan.x, lifespan.y);
-  if (!(opacity >= kAlphaThreshold)) return false;
-  Vec3 position =
-      position_at(vec3_of(position_time.x, position_time.y, position_time.z),
-                  vec3_of(velocity_opacity.x, velocity_opacity.y, velocity_opacity.z), dt);
-  PinholeCamera camera = camera_of_view();
-  if (!(to_camera(camera, position).z >= camera.near_plane)) return false;
-  Projection p = project_gaussian(camera, position, covariance_at(at, i));
-  SplatBox box = splat_box(camera, p, opacity);
-  if (box.visible == 0) return false;
-  Vec3 from_camera =
-      vec3_of(position.x - view[5].x, position.y - view[5].y, position.z - view[5].z);
-  Vec3 colour;
-  if (!colour_of(at, i, from_camera, colour)) return false;
-  splat = screen_splat(p, box.extent, opacity, colour);
-  return true;
-}
 
 // Returns in `corner` the corner, on a side of -1 or 1 of each axis, of a rectangle that contains
 // all visible pixels of a splat: its bounding box in the image, or, if that is larger, the box
@@ -137,7 +25,7 @@ bool make_splat(Arrays at, uint i, float ticks, float ticks_rest, out ScreenSpla
 bool corner_at(vec2 mean, vec2 extent, Sym2 conic, vec2 side, out vec2 corner) {
   // Edges of the pixels whose centres are in the box, so that rounding at its edges cuts nothing.
   vec2 low = max(ceil(mean - extent - 0.5), vec2(0.0));
-  vec2 high = min(floor(mean + extent + 0.5), view[4].xy);
+  vec2 high = min(floor(mean + extent + 0.5), image_size);
   if (!(low.x < high.x && low.y < high.y)) return false;
   corner = mix(low, high, 0.5 * side + 0.5);
   // The covariance is (yy, -xy, xx) of the conic, times its determinant. The squared half sizes
@@ -158,36 +46,29 @@ bool corner_at(vec2 mean, vec2 extent, Sym2 conic, vec2 side, out vec2 corner) {
   return true;
 }
 
-vec3 linear_of(vec3 colour) {
-  vec3 power = pow((colour + 0.055) / 1.055, vec3(2.4));
-  return mix(power, colour / 12.92, vec3(lessThanEqual(colour, vec3(0.04045))));
-}
-
 void main() {
   gl_Position = vec4(2.0, 2.0, 0.0, 1.0);  // outside the image: nothing is drawn
   splat_a = vec4(0.0);
   splat_b = vec2(0.0);
   splat_colour = vec3(0.0);
-  uint segment = table_at(groups, entry >> 8u).x;
-  uvec4 a = table_at(segments, 2u * segment), b = table_at(segments, 2u * segment + 1u);
-  uint i = entry - a.w;
-  if (i >= b.x) return;
-  Arrays at;
-  at.row = a.x;
-  at.n = a.y;
-  at.degree = int(a.z);
-  ScreenSplat splat;
-  if (!make_splat(at, i, uintBitsToFloat(b.y), uintBitsToFloat(b.z), splat)) return;
-  vec2 mean = vec2(splat.mean.x, splat.mean.y), extent = vec2(splat.extent.x, splat.extent.y);
-  vec2 side = vec2((gl_VertexID & 1) == 0 ? -1.0 : 1.0, (gl_VertexID & 2) == 0 ? -1.0 : 1.0);
+  splat_depth = 0.0;
+  uint corner_number = uint(gl_VertexID) & 3u;
+  uint record = uint(gl_InstanceID) * kQuads + (uint(gl_VertexID) >> 2u);
+  ivec2 texel = ivec2(record % kRecordRow, record / kRecordRow);
+  uvec4 b = texelFetch(records_b, texel, 0);
+  if (!is_visible(b)) return;
+  Splat splat = unpack_splat(texelFetch(records_a, texel, 0), b);
+  Sym2 conic = conic_of(splat.falloff);
+  vec2 side = vec2((corner_number & 1u) == 0u ? -1.0 : 1.0, (corner_number & 2u) == 0u ? -1.0 : 1.0);
+  vec2 extent = splat.extent * vec2(1.0, sqrt(conic.xx / conic.yy));
   vec2 corner;
-  if (!corner_at(mean, extent, conic_of(splat.falloff), side, corner)) return;
-  vec2 clip = 2.0 * corner / view[4].xy - 1.0;
+  if (!corner_at(splat.mean, extent, conic, side, corner)) return;
+  vec2 clip = 2.0 * corner / image_size - 1.0;
   float depth =
       depth_mapping.x + depth_mapping.y / splat.depth + depth_mapping.z * log2(1.0 + splat.depth);
   gl_Position = vec4(clip.x, -clip.y, depth, 1.0);
-  splat_a = vec4(mean, splat.falloff.xx, splat.falloff.xy);
+  splat_a = vec4(splat.mean, splat.falloff.xx, splat.falloff.xy);
   splat_b = vec2(splat.falloff.yy, splat.peak);
-  splat_colour = vec3(splat.colour.x, splat.colour.y, splat.colour.z);
-  if (is_linear) splat_colour = linear_of(splat_colour);
+  splat_colour = splat.colour;
+  splat_depth = splat.depth;
 }

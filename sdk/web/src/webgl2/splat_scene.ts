@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 import { checkWords, padded } from "../packed_segment";
 import type { Camera, PackedSegment, SceneInfo } from "../types";
-import { OrderBuffers } from "./order_buffers";
+import { OrderTextures } from "./order_textures";
 import { Residents } from "./residents";
 import { kSorterBytes } from "./sorter";
 import type { Order } from "./sorter";
@@ -17,6 +17,8 @@ export interface SplatSceneOptions {
   sorterUrl: string | URL;
   /** Whether the worker retains all words, to restore them after the context was lost. */
   restoresContext: boolean;
+  /** Whether outputs have a second image, for the sums of depths. Default: false. */
+  hasDepth?: boolean;
   /** Receives failures that no call can report, as of the worker. */
   report(error: Error): void;
   /** A new order has arrived: the image of the last follow() may have changed. */
@@ -56,8 +58,8 @@ export class SplatScene {
     private readonly gl: WebGL2RenderingContext, private readonly options: SplatSceneOptions,
   ) {
     this.guard = options.guard ?? ((work) => work());
-    this.drawer = this.guard(() => new SplatDrawer(gl));
-    this.createBuffers();
+    this.drawer = this.guard(() => new SplatDrawer(gl, options.hasDepth ?? false));
+    this.createTextures();
     this.sorter = new SorterClient(options.sorterUrl, {
       onOrder: (order, milliseconds) => this.adopt(order, milliseconds),
       onWords: (key, words) => this.restoreWords(key, words),
@@ -104,8 +106,8 @@ export class SplatScene {
                              () => new ViewOrder());
     const dropped = others.splice(count - 1);
     this.orders = [first, ...others, ...added];
-    this.guard(() => dropped.forEach((view) => view.buffers?.destroy()));
-    this.createBuffers();
+    this.guard(() => dropped.forEach((view) => view.textures?.destroy()));
+    this.createTextures();
     if (!this.sorter.isBusy) this.release();
   }
 
@@ -128,28 +130,28 @@ export class SplatScene {
   }
 
   /**
-   * Blends the splats of a time over the bound framebuffer, in the current viewport, in the newest
-   * order of a view. Without a GPU context, it draws nothing.
+   * Blends the splats of a time into an output, in the newest order of a view. Without a GPU
+   * context, it draws nothing.
    */
   draw(camera: Camera, ticks: number, output: SplatOutput, view = 0): void {
     const own = this.orderOf(view);
-    const { order, buffers } = own.order === null ? this.orders[0] : own;
-    if (this.drawer === null || order === null || buffers === null) return;
+    const { order, textures } = own.order === null ? this.orders[0] : own;
+    if (this.drawer === null || order === null || textures === null) return;
     const drawn = this.residents.list(order.keys);
-    this.drawer.draw(camera, ticks, drawn, order.bases, output, buffers);
+    this.drawer.draw(camera, ticks, drawn, order.bases, output, textures);
   }
 
   /** The context is lost: its objects do not exist any more. */
   lose(): void {
     this.drawer = null;
-    for (const view of this.orders) view.buffers = null;
+    for (const view of this.orders) view.textures = null;
     this.residents.forgetRows();
   }
 
   /** The context is restored: creates its objects again, and requests the words. */
   restore(): void {
-    this.drawer = this.guard(() => new SplatDrawer(this.gl));
-    this.createBuffers();
+    this.drawer = this.guard(() => new SplatDrawer(this.gl, this.options.hasDepth ?? false));
+    this.createTextures();
     this.orders.forEach((view) => this.uploadOrder(view));
     if (this.options.restoresContext) this.sorter.requestWords();
     this.isOutdated = this.sorter.isBusy;
@@ -161,7 +163,7 @@ export class SplatScene {
     this.sorter.destroy();
     this.guard(() => {
       this.drawer?.destroy();
-      for (const { buffers } of this.orders) buffers?.destroy();
+      for (const { textures } of this.orders) textures?.destroy();
     });
     this.drawer = null;
     this.orders = [new ViewOrder()];
@@ -176,10 +178,10 @@ export class SplatScene {
     for (const view of this.orders) view.expire();
   }
 
-  private createBuffers(): void {
+  private createTextures(): void {
     if (this.drawer === null) return;
     this.guard(() => {
-      for (const view of this.orders) view.buffers ??= new OrderBuffers(this.gl);
+      for (const view of this.orders) view.textures ??= new OrderTextures(this.gl);
     });
   }
 
@@ -209,13 +211,14 @@ export class SplatScene {
   /** Takes over an order that has arrived. */
   private adopt(order: Order, milliseconds: number): void {
     const { target = this.orders[0], exact = null } = this.inFlight ?? {};
-    this.inFlight = null;
     if (target.order !== null) this.sorter.recycle(target.order.buffer);
     target.adopt(order);
     this.statistics.visible = order.count;
     this.statistics.sortMs = milliseconds;
     this.release();
     if (this.orders.includes(target)) this.uploadOrder(target);
+    this.inFlight = null;
+    if (this.failure !== null) return;
     const isDrawable = this.drawer !== null && !this.isOutdated;
     this.isOutdated = false;
     if (exact !== null && !isDrawable) {
@@ -229,11 +232,19 @@ export class SplatScene {
     this.requestOrder();
   }
 
-  private uploadOrder({ order, buffers }: ViewOrder): void {
-    if (order === null || buffers === null) return;
+  private uploadOrder({ order, textures }: ViewOrder): void {
+    const { drawer } = this;
+    if (order === null || textures === null || drawer === null) return;
     const { buffer, count, keys, bases } = order;
     const primitives = this.residents.list(keys).map((resident) => resident.primitives);
-    this.guard(() => buffers.upload(new Uint32Array(buffer, 0, count), primitives, bases));
+    try {
+      this.guard(() => {
+        textures.upload(new Uint32Array(buffer, 0, count), primitives, bases);
+        drawer.reserve(textures);
+      });
+    } catch (error) {
+      this.fail(error as Error);
+    }
   }
 
   private upload(words: ArrayBuffer) {

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+import type { DepthImage } from "./depth_image";
 import { created, sampleNearest } from "./gl";
 
 /** How the splats of a frame are blended: in half floats, or in 8 bits per channel. */
@@ -15,14 +16,17 @@ export function targetFormat(gl: WebGL2RenderingContext, wanted: TargetFormat): 
   return extension === null ? "rgba8" : "rgba16f";
 }
 
-/** The image into which splats are blended: premultiplied colours and alpha. */
+/** The images into which splats are blended: premultiplied colours and alpha, and, if requested, their depth. */
 export class Target {
   readonly texture: WebGLTexture;
   private readonly framebuffer: WebGLFramebuffer;
   width = 0;
   height = 0;
 
-  constructor(private readonly gl: WebGL2RenderingContext, readonly format: TargetFormat) {
+  constructor(
+    private readonly gl: WebGL2RenderingContext, readonly format: TargetFormat,
+    private readonly depth: DepthImage | null,
+  ) {
     this.texture = created(gl.createTexture(), "texture");
     this.framebuffer = created(gl.createFramebuffer(), "framebuffer");
   }
@@ -70,6 +74,12 @@ export class Target {
     sampleNearest(gl, gl.TEXTURE_2D);
     gl.framebufferTexture2D(
       gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, this.texture, 0);
+    if (this.depth !== null) {
+      this.depth.resize(width, height);
+      gl.framebufferTexture2D(
+        gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT1, gl.TEXTURE_2D, this.depth.sums, 0);
+      gl.drawBuffers([gl.COLOR_ATTACHMENT0, gl.COLOR_ATTACHMENT1]);
+    }
     this.width = width;
     this.height = height;
   }

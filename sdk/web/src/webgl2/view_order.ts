@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 import { copyCamera } from "../camera";
 import type { Camera } from "../types";
-import type { OrderBuffers } from "./order_buffers";
+import type { OrderTextures } from "./order_textures";
 import type { Order, SortRequest } from "./sorter";
 
 /** A camera and a time. The objects are copies: callers may change theirs. */
@@ -38,7 +38,7 @@ export class ViewOrder {
   /** Of the last frame; null: there was none. */
   latest: View | null = null;
   /** On the GPU; null while the context is lost. */
-  buffers: OrderBuffers | null = null;
+  textures: OrderTextures | null = null;
   private sorted: View | null = null; // of the newest request; null if segments changed since then
   private frames = 0;
   private framesAtRequest = 0;
