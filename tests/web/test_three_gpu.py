@@ -66,7 +66,7 @@ class ThreeGpu(EngineCase):
         values = self.check("compareTargets()")
         print("targets:", values, flush=True)
         self.assertGreater(values["pass"], 40)
-        self.assertGreater(values["bytes"], 30)  # 8 bits of linear colours
+        self.assertGreater(values["bytes"], 40)  # 8 bits of linear colours, encoded here
         self.assertGreater(values["canvas"], 45)
 
     def test_a_transparent_canvas(self):
@@ -75,8 +75,9 @@ class ThreeGpu(EngineCase):
     def test_dispose_frees_everything(self):
         before, during, after = self.check("countDisposed()")
         print("objects:", before, during, after, flush=True)
+        self.assertGreater(during["Texture"], before["Texture"])
+        self.assertGreater(during["Buffer"], before["Buffer"])
         for kind in ("Texture", "Buffer", "QuerySet"):
-            self.assertGreater(during[kind] + (kind == "QuerySet"), before[kind])
             self.assertLessEqual(after[kind], before[kind], kind)
 
     def test_it_plays_and_reports_changes(self):

@@ -132,10 +132,11 @@ window.compareState = async () => {
   return [image.every((value, i) => value === expected[i]), draws];
 };
 
-/** Transparent planes before and behind the splats: the differences of their colours in the middle to the expected ones. */
+/** The colour in the middle of the splats, alone and behind a transparent box. */
 window.compareTransparent = async () => {
   await begin();
-  const alone = [await addScene(1), await render()][1];
+  await addScene(1);
+  const alone = await render();
   const middle = (image) => [...image.subarray(4 * (HEIGHT / 2 * WIDTH + WIDTH / 2))].slice(0, 3);
   addBox(BOX.before, BOX.size, { transparent: true, opacity: 0.5 });
   const before = middle(await render());
@@ -189,16 +190,18 @@ window.compareTargets = async () => {
   return { pass, bytes, canvas };
 };
 
-/** A canvas without a background: the PSNR of the page behind it. */
+/** The PSNR of a transparent canvas over the colour of the background. */
 window.compareClear = async () => {
   await begin();
   await addScene(1);
   scene.background = null;
   renderer.setClearColor(0, 0);
-  const value = await compare(await render().then((image) => image.map((byte, i) => {
+  const image = await render();
+  const shown = image.map((byte, i) => {
     const alpha = image[i - (i % 4) + 3] / 255;
     return Math.round(byte + (1 - alpha) * (BACKGROUND[i % 4] ?? 255));
-  })), CAMERA, 1);
+  });
+  const value = await compare(shown, CAMERA, 1);
   await finish();
   return value;
 };
