@@ -27,8 +27,6 @@ export interface Backend {
     getColorBuffer(): GPUTexture;
     getDepthBuffer(depth: boolean, stencil: boolean): GPUTexture;
   };
-  updateViewport(context: RenderContext): void;
-  updateScissor(context: RenderContext): void;
 }
 
 interface ThreeTexture {
@@ -55,7 +53,8 @@ interface ThreeRectangle {
 
 /** The render pass of a render() call. */
 interface RenderContext {
-  readonly mrt: object | null;
+  /** Null, or in older versions missing, without several outputs. */
+  readonly mrt?: object | null;
   readonly renderTarget: { readonly isRenderTarget3D?: boolean } | null;
   /** Null: the canvas. */
   readonly textures: readonly ThreeTexture[] | null;
@@ -107,7 +106,7 @@ export function drawBetween(renderer: ThreeGpuRenderer, draw: (target: GpuEngine
   const internals = renderer as unknown as Internals;
   const { backend, _currentRenderContext: context } = internals;
   if (context === undefined) {
-    throw new Error(`StgsMesh does not support WebGPURenderer of three.js r${REVISION}; use r187 or WebGLRenderer`);
+    throw new Error(`StgsMesh does not support WebGPURenderer of three.js r${REVISION}; use r180 to r187, or WebGLRenderer`);
   }
   const pass = context === null ? null : backend.get(context) as PassData;
   const { device } = backend;
@@ -120,7 +119,7 @@ export function drawBetween(renderer: ThreeGpuRenderer, draw: (target: GpuEngine
   try {
     draw(target);
   } finally {
-    resume(backend, device, context, pass);
+    resume(device, context, pass);
   }
 }
 
@@ -170,7 +169,7 @@ function targetParts(
 ): Attachments | null {
   const { mrt, activeCubeFace, activeMipmapLevel, depthTexture } = context;
   // Of the outputs of a pass for several textures, the colour is named "output".
-  const colour = mrt === null ? textures[0] : textures.find(({ name }) => name === "output");
+  const colour = mrt ? textures.find(({ name }) => name === "output") : textures[0];
   if (colour === undefined) return null;
   const data = backend.get(colour) as TextureData;
   if (data.externalTexture === true) throw new Error("StgsMesh supports headsets with WebGLRenderer only");
@@ -190,18 +189,25 @@ function targetParts(
 }
 
 /** Begins the pass of a context again, with its content, and forgets the state that the pass had. */
-function resume(backend: Backend, device: GPUDevice, context: RenderContext, pass: PassData): void {
+function resume(device: GPUDevice, context: RenderContext, pass: PassData): void {
   const { descriptor } = pass;
   for (const attachment of descriptor.colorAttachments) attachment.loadOp = "load";
   const { depthStencilAttachment: depth } = descriptor;
   if (depth !== undefined && context.depth) depth.depthLoadOp = "load";
   if (depth !== undefined && context.stencil) depth.stencilLoadOp = "load";
   pass.encoder = device.createCommandEncoder();
-  pass.currentPass = pass.encoder.beginRenderPass(descriptor);
+  const currentPass = pass.encoder.beginRenderPass(descriptor);
+  pass.currentPass = currentPass;
   pass.currentSets = { attributes: {}, bindingGroups: [], pipeline: null, index: null };
   pass.currentStencilRef = 0;
   pass.currentBlendColor?.setRGB(0, 0, 0);
   pass.currentBlendAlpha = 0;
-  if (context.viewport) backend.updateViewport(context);
-  if (context.scissor) backend.updateScissor(context);
+  if (context.viewport) {
+    const { x, y, width, height, minDepth = 0, maxDepth = 1 } = context.viewportValue;
+    currentPass.setViewport(x, y, width, height, minDepth, maxDepth);
+  }
+  if (context.scissor) {
+    const { x, y, width, height } = context.scissorValue;
+    currentPass.setScissorRect(x, y, width, height);
+  }
 }
