@@ -69,6 +69,12 @@ class ThreeGpu(EngineCase):
         self.assertGreater(values["bytes"], 40)  # 8 bits of linear colours, encoded here
         self.assertGreater(values["canvas"], 45)
 
+    def test_a_canvas_with_linear_colours(self):
+        for parameters in ({}, {"antialias": True}):
+            value = self.check("compareDirect", parameters)
+            print(f"linear canvas, {parameters}: {value:.1f} dB", flush=True)
+            self.assertGreater(value, 40)
+
     def test_a_transparent_canvas(self):
         self.assertGreater(self.check("compareClear()"), 40)
 

@@ -168,6 +168,22 @@ window.compareViewports = async (parameters) => {
   return [0, WIDTH / 2].map((x) => psnr(columns(image, x), expected, WIDTH / 2));
 };
 
+function encoded(linear) {
+  const colour = new THREE.Color();
+  return Uint8Array.from(linear, (byte) => (
+    Math.round(255 * colour.setRGB(byte / 255, 0, 0).convertLinearToSRGB().r)));
+}
+
+/** The PSNR of a canvas with linear colours, to which three.js draws without a pass in between. */
+window.compareDirect = async (parameters) => {
+  await begin(parameters);
+  renderer.outputColorSpace = THREE.LinearSRGBColorSpace;
+  await addScene(1);
+  const value = await compare(encoded(await render()), CAMERA, 1);
+  await finish();
+  return value;
+};
+
 /** The PSNR by a pass of a render pipeline, and that of the frame after a render target of another format. */
 window.compareTargets = async () => {
   await begin();
@@ -181,10 +197,7 @@ window.compareTargets = async () => {
   renderer.render(scene, camera);
   renderer.setRenderTarget(null);
   const linear = await renderer.readRenderTargetPixelsAsync(target, 0, 0, WIDTH, HEIGHT);
-  const colour = new THREE.Color();
-  const encoded = Uint8Array.from(linear, (byte) => (
-    Math.round(255 * colour.setRGB(byte / 255, 0, 0).convertLinearToSRGB().r)));
-  const bytes = await compare(encoded, CAMERA, 1);
+  const bytes = await compare(encoded(linear), CAMERA, 1);
   const canvas = await compare(await render(), CAMERA, 1);
   await finish();
   return { pass, bytes, canvas };
