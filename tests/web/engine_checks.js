@@ -19,6 +19,25 @@ export const BOX = { size: 0.2, color: [255, 0, 0], before: 0.4, behind: 60 };
 /** The image of the engine: bytes, RGBA, from the top. Call it in the task that has rendered. */
 export const imageOf = (gl) => readCanvas(gl, 0, 0, WIDTH, HEIGHT);
 
+/** The image of a texture of a canvas: bytes, premultiplied RGBA, from the top. Call it in the task that has rendered. */
+export async function textureImage(device, texture) {
+  const bytesPerRow = Math.ceil(WIDTH / 64) * 256;
+  const usage = GPUBufferUsage.COPY_DST | GPUBufferUsage.MAP_READ;
+  const copy = device.createBuffer({ size: bytesPerRow * HEIGHT, usage });
+  const encoder = device.createCommandEncoder();
+  encoder.copyTextureToBuffer({ texture }, { buffer: copy, bytesPerRow }, [WIDTH, HEIGHT]);
+  device.queue.submit([encoder.finish()]);
+  await copy.mapAsync(GPUMapMode.READ);
+  const bytes = new Uint8Array(copy.getMappedRange());
+  const order = texture.format.startsWith("bgra") ? [2, 1, 0, 3] : [0, 1, 2, 3];
+  const image = Uint8Array.from({ length: 4 * WIDTH * HEIGHT }, (_, i) => {
+    const pixel = Math.floor(i / 4);
+    return bytes[bytesPerRow * Math.floor(pixel / WIDTH) + 4 * (pixel % WIDTH) + order[i % 4]];
+  });
+  copy.destroy();
+  return image;
+}
+
 /** PSNR of an image to that of the plain player, of the pixels that `uses` selects. */
 export async function compare(image, camera, seconds, uses) {
   const background = [...BACKGROUND.map((value) => value / 255), 1];
@@ -103,6 +122,28 @@ export function changedState(gl, work) {
   work();
   const after = state();
   return before.filter(([, value], k) => !isSame(value, after[k][1])).map(([name]) => name);
+}
+
+/** Counts the objects of a device that exist: textures, buffers, query sets. */
+export function countGpuObjects(device) {
+  const counts = {};
+  for (const kind of ["Texture", "Buffer", "QuerySet"]) {
+    counts[kind] = 0;
+    const create = device["create" + kind].bind(device);
+    device["create" + kind] = (descriptor) => {
+      const object = create(descriptor);
+      const destroy = object.destroy.bind(object);
+      let exists = true;
+      ++counts[kind];
+      object.destroy = () => {
+        if (exists) --counts[kind];
+        exists = false;
+        destroy();
+      };
+      return object;
+    };
+  }
+  return counts;
 }
 
 export const delay = (milliseconds) => new Promise((done) => setTimeout(done, milliseconds));

@@ -38,6 +38,7 @@ class PackageCase(unittest.TestCase):
     FILES = ["decode_scene.js"]
     MODULES = {}
     PAGE = ""
+    FLAGS = ()  # of Chromium
     make = record = package = npm = ""
 
     @classmethod
@@ -52,7 +53,7 @@ class PackageCase(unittest.TestCase):
         for name, source in cls.MODULES.items():
             shutil.copy(os.path.join(cls.npm, source), os.path.join(cls.work, name))
         subprocess.run([cls.make, os.path.join(cls.work, "scene.stgs"), "3000", "3"], check=True)
-        cls.url, cls.browser = serve(cls, cls.work)
+        cls.url, cls.browser = serve(cls, cls.work, cls.FLAGS)
 
     def setUp(self):
         self.browser.problems.clear()

@@ -5,6 +5,7 @@ import os
 import re
 
 from package_case import HERE, PackageCase, run
+from page_server import WEBGPU_FLAGS
 
 ROOT = os.path.join(HERE, "..", "..", "sdk")
 EXAMPLES = os.path.join(ROOT, "examples", "web")
@@ -22,8 +23,11 @@ COLOURS = """new Promise((resolve) => requestAnimationFrame(() => {
 
 class Examples(PackageCase):
     PAGE = PLAIN
+    FLAGS = WEBGPU_FLAGS
     MODULES = {"three.module.js": "three/build/three.module.js",
                "three.core.js": "three/build/three.core.js",
+               "three.webgpu.js": "three/build/three.webgpu.js",
+               "three.tsl.js": "three/build/three.tsl.js",
                "playcanvas.js": "playcanvas/build/playcanvas.mjs",
                "iwer.js": "iwer/build/iwer.module.js"}
 
@@ -46,7 +50,7 @@ class Examples(PackageCase):
     def test_pages_of_the_guide(self):
         with open(GUIDE, encoding="utf-8") as file:
             pages = re.findall(r"```html\n(<!DOCTYPE.*?)```", file.read(), re.DOTALL)
-        self.assertEqual(len(pages), 3)
+        self.assertEqual(len(pages), 4)
         for number, page in enumerate(pages):
             with self.subTest(page=page):
                 self.show(f"guide_{number}", page)

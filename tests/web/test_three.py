@@ -62,7 +62,7 @@ class Three(EngineCase):
 
     def test_errors(self):
         renderer, camera = self.check("messages()")
-        self.assertIn("needs a WebGLRenderer", renderer)
+        self.assertIn("needs a WebGLRenderer or a WebGPURenderer", renderer)
         self.assertIn("perspective camera", camera)
 
 

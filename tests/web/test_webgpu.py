@@ -113,6 +113,14 @@ class WebGpuTest(RendererCase):
     def test_several_views_equal_single_ones(self):
         self.assertEqual(set(json.loads(self.posts["views.json"])["views"].values()), {0})
 
+    def test_outputs(self):
+        outputs = json.loads(self.posts["views.json"])["outputs"]
+        print(f"outputs: {outputs}")
+        self.assertEqual(outputs["linear"], 0)
+        self.assertEqual(outputs["content"], 0)
+        self.assertEqual(outputs["within"], 0)
+        self.assertLess(outputs["samples"], 4 * 320 * 240 / 1000)  # at the edges of splats
+
     def test_errors_of_views(self):
         errors = json.loads(self.posts["views.json"])["errors"]
         self.assertEqual(errors["creation"], "5 views (expected 1 to 4)")
@@ -120,6 +128,8 @@ class WebGpuTest(RendererCase):
         self.assertRegex(errors["depth"], "created without the option depth$")
         self.assertRegex(errors["occluders"], "^either all views or none have occluders")
         self.assertEqual(errors["size"], "an image of 320.5x0 pixels (expected whole numbers above 0)")
+        self.assertEqual(errors["samples"], "the option depth needs textures with 1 sample per pixel")
+        self.assertRegex(errors["content"], "^views have a content if colours are linear")
         self.assertEqual(errors["limits"], 1)
 
     def test_depths_beyond_the_range_of_half_floats(self):

@@ -14,6 +14,11 @@ export async function playMesh(renderer: WebGLRenderer, file: File): Promise<Stg
   return mesh;
 }
 
+/** `WebGPURenderer` of "three/webgpu" has these properties. */
+export function playGpuMesh(renderer: { isWebGPURenderer: true; backend: object }): StgsMesh {
+  return new StgsMesh({ renderer, src: "scene.stgs", autoplay: true });
+}
+
 export function durationOf(script: StgsScript): number {
   const entity: Entity = script.entity;
   entity.once("destroy", () => script.player?.destroy());

@@ -118,9 +118,10 @@ function differenceOf(a, b) {
  */
 async function occlusion(device, plain, segments, { camera, ticks }, z) {
   const [near, far] = [0.05, 100];
+  const octaves = Math.log2(far / near);
   const usual = [far / (far - near), (-far * near) / (far - near), 0];
   const kinds = [
-    [{ format: "depth32float" }, { usual, logarithmic: [0, 0, 1 / Math.log2(1 + far)] }],
+    [{ format: "depth32float" }, { usual, logarithmic: [0, 0, 1 / Math.log2(1 + far)], fromNear: [-Math.log2(near) / octaves, 0, 1 / octaves, 0] }],
     [{ format: "depth24plus-stencil8" }, { stencil: usual }],
     [{ format: "depth32float", isReversed: true }, { reversed: [0, near, 0] }],
   ];
@@ -136,7 +137,8 @@ async function occlusion(device, plain, segments, { camera, ticks }, z) {
     const depth = textureOf(device, options.format, camera);
     const splats = await rendererOf(device, segments, { occluders: options });
     for (const [name, mapping] of Object.entries(mappings)) {
-      clear(device, depth, mapping[0] + mapping[1] / z + mapping[2] * Math.log2(1 + z));
+      const [a, b, c, d = 1] = mapping;
+      clear(device, depth, a + b / z + c * Math.log2(d + z));
       const occluders = { depth: depth.createView(), mapping };
       splats.drawViews([{ camera, to, occluders }], ticks, kBlack);
       differences[name] = differenceOf(await splats.read(), nearer);
@@ -223,6 +225,64 @@ async function views(device, segments, [first, second], ticks) {
   return wrong;
 }
 
+/** How many words of two images differ by more than `tolerance` in a channel. */
+function wrongWords(a, b, tolerance) {
+  const [first, second] = [a, b].map((words) => new Uint8Array(words.buffer));
+  return first.filter((value, i) => Math.abs(value - second[i]) > tolerance).length;
+}
+
+/** Draws the multisampled texture `texture` of a size to one with 1 sample, and reads it. */
+async function resolvedWords(device, texture, size) {
+  const to = textureOf(device, kFormat, size);
+  const encoder = device.createCommandEncoder();
+  encoder.beginRenderPass({
+    colorAttachments: [{
+      view: texture.createView(), resolveTarget: to.createView(), loadOp: "load", storeOp: "store",
+    }],
+  }).end();
+  device.queue.submit([encoder.finish()]);
+  return wordsOf(device, to);
+}
+
+/**
+ * Draws with one renderer to textures of linear colours, with 4 samples, and within a rectangle. Returns how
+ * many bytes or pixels differ from those of the usual textures.
+ */
+async function outputs(device, splats, { camera, ticks }) {
+  const blue = [0.1, 0.2, 0.5, 1];
+  const { width, height } = camera;
+  const draw = (texture, background, view = {}, output) => {
+    splats.drawViews([{ camera, to: texture.createView(), ...view }], ticks, background, output);
+    return texture;
+  };
+  const expected = await wordsOf(device, draw(textureOf(device, kFormat, camera), blue));
+  const encoding = "rgba8unorm-srgb";
+  const linear = splats.output(encoding, { isLinear: true });
+  const replaced = draw(textureOf(device, encoding, camera), blue, {}, linear);
+  const usage = GPUTextureUsage.RENDER_ATTACHMENT | GPUTextureUsage.TEXTURE_BINDING;
+  const content = device.createTexture({ size: [width, height], format: encoding, usage });
+  const blended = textureOf(device, encoding, camera);
+  const linearOf = (c) => (c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4);
+  for (const texture of [content, blended]) clear(device, texture, [...blue.slice(0, 3).map(linearOf), 1]);
+  draw(blended, null, { content: content.createView() }, linear);
+  const several = device.createTexture({ size: [width, height], format: kFormat, usage, sampleCount: 4 });
+  draw(several, blue, {}, splats.output(kFormat, { samples: 4 }));
+  const part = textureOf(device, kFormat, camera);
+  clear(device, part, [1, 0, 0, 1]);
+  const [x, y, w, h] = [width / 4, height / 3, width / 2, height / 2].map(Math.floor);
+  const inside = (i) => {
+    const [column, row] = [i % width, Math.floor(i / width)];
+    return column >= x && column < x + w && row >= y && row < y + h;
+  };
+  const within = await wordsOf(device, draw(part, blue, { within: [x, y, w, h] }));
+  return {
+    linear: wrongWords(await wordsOf(device, replaced), expected, 1),
+    content: wrongWords(await wordsOf(device, blended), expected, 1),
+    samples: wrongWords(await resolvedWords(device, several, camera), expected, 3),
+    within: within.filter((word, i) => word !== (inside(i) ? expected[i] : 0xff0000ff)).length,
+  };
+}
+
 async function messageOf(call) {
   try {
     await call();
@@ -242,6 +302,8 @@ async function errorsOf(device, splats, { camera, ticks }) {
     depth: await messageOf(() => splats.drawViews([{ ...view, depth: to }], ticks, kBlack)),
     occluders: await messageOf(() => splats.drawViews([{ ...view, occluders }], ticks, kBlack)),
     size: await messageOf(() => splats.draw({ ...camera, width: 320.5, height: 0 }, ticks, to, kBlack)),
+    samples: await messageOf(() => splats.output(kFormat, { samples: 4, depth: true })),
+    content: await messageOf(() => splats.drawViews([view], ticks, null, splats.output(kFormat, { isLinear: true }))),
     limits: await limitsOf(device, splats),
   };
 }
@@ -279,6 +341,7 @@ export async function testViews({ scene, cases }) {
   const plain = await rendererOf(device, segments, {});
   await post("views.json", JSON.stringify({
     overlay: await overlay(device, plain, front),
+    outputs: await outputs(device, plain, front),
     occlusion: await occlusion(device, plain, segments, front, 4),
     views: await views(device, segments, [front.camera, inside.camera], front.ticks),
     errors: await errorsOf(device, plain, front),

@@ -5,6 +5,7 @@ import { textOf } from "./player/errors";
 import { sorterUrl } from "./resources";
 import type { Renderer } from "./types";
 import type { GPU } from "./webgpu/webgpu_types";
+import { loadWebGpu } from "./webgpu_loader";
 import { xrSystem } from "./xr/webxr";
 
 /**
@@ -14,7 +15,7 @@ import { xrSystem } from "./xr/webxr";
 export type RendererChoice = "auto" | "webgpu" | "webgl2";
 
 async function webGpu(canvas: HTMLCanvasElement, signal: AbortSignal): Promise<Renderer> {
-  const { createWebGpuRenderer } = await import("./stgs-webgpu.js");
+  const { createWebGpuRenderer } = await loadWebGpu();
   return createWebGpuRenderer(canvas, { signal });
 }
 

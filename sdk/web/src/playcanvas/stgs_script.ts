@@ -28,7 +28,8 @@ export class StgsScript extends Script {
   override initialize(): void {
     const { gl } = this.app.graphicsDevice as { gl?: unknown };
     if (!(gl instanceof WebGL2RenderingContext)) {
-      throw new Error("StgsScript needs a graphics device of WebGL2; WebGPU is not supported");
+      throw new Error("StgsScript needs a graphics device of WebGL2; WebGPU is not supported: " +
+        "create the device with deviceTypes: [DEVICETYPE_WEBGL2]");
     }
     const { src, autoplay, loop, app } = this;
     const player = new EnginePlayer(

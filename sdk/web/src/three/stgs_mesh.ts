@@ -1,14 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
 import {
-  Box3, BufferAttribute, BufferGeometry, Camera, LinearSRGBColorSpace, Material, Mesh,
-  MeshBasicMaterial, PerspectiveCamera, Scene, Sphere, Vector3, WebGLRenderer,
+  Box3, BufferAttribute, BufferGeometry, Camera, Material, Mesh, MeshBasicMaterial, Scene, Sphere,
+  Vector3, WebGLRenderer,
 } from "three";
-import { boundsOf, EnginePlayer } from "../engine/engine_player";
-import { SegmentPlayerOptions } from "../player/segment_player";
+import { boundsOf } from "../engine/engine_player";
+import type { EnginePlayer } from "../engine/engine_player";
+import type { GpuEnginePlayer } from "../engine/gpu_engine_player";
+import type { SegmentPlayerOptions } from "../player/segment_player";
+import type { ThreeGpuRenderer } from "./backend";
+import { drawingOf } from "./drawing";
+import type { Drawing } from "./drawing";
 
 export interface StgsMeshOptions extends SegmentPlayerOptions {
-  /** Draws the mesh; other renderers cannot. */
-  renderer: WebGLRenderer;
+  /**
+   * Draws the mesh; other renderers cannot. `init()` of a WebGPURenderer must have resolved.
+   */
+  renderer: WebGLRenderer | ThreeGpuRenderer;
 }
 
 /**
@@ -20,45 +27,35 @@ export interface StgsMeshOptions extends SegmentPlayerOptions {
  * shadows do not affect it. An event `change` reports that it has to be drawn again.
  */
 export class StgsMesh extends Mesh {
-  /** Plays the scene, like a media element. */
-  readonly player: EnginePlayer;
+  private readonly drawing: Drawing;
 
-  /** Throws an Error if the renderer is no WebGLRenderer. */
+  /**
+   * Throws an Error if the renderer is neither a WebGLRenderer nor a WebGPURenderer, or if a WebGPURenderer
+   * is not initialized.
+   */
   constructor({ renderer, ...options }: StgsMeshOptions) {
     // Lists the object among the transparent ones; nothing of the geometry is drawn.
     const geometry = new BufferGeometry();
     geometry.setAttribute("position", new BufferAttribute(new Float32Array(3), 3));
     geometry.setDrawRange(0, 0);
     super(geometry, new MeshBasicMaterial({ transparent: true, depthWrite: false }));
-    const gl = renderer.isWebGLRenderer ? renderer.getContext() : null;
-    if (!(gl instanceof WebGL2RenderingContext)) {
-      throw new Error("StgsMesh needs a WebGLRenderer of three.js; WebGPURenderer is not supported");
-    }
-    this.player = new EnginePlayer(gl, options, () => this.dispatchEvent({ type: "change" }));
+    this.drawing = drawingOf(renderer, options, () => this.dispatchEvent({ type: "change" }));
     this.player.addEventListener("loadedmetadata", () => this.applyBounds());
     this.applyBounds();
   }
 
+  /** Plays the scene, like a media element. */
+  get player(): EnginePlayer | GpuEnginePlayer {
+    return this.drawing.player;
+  }
+
   override onBeforeRender(
-    renderer: WebGLRenderer, _scene: Scene, camera: Camera, _geometry: BufferGeometry,
+    renderer: WebGLRenderer, scene: Scene, camera: Camera, _geometry: BufferGeometry,
     material: Material,
   ): void {
-    if (material !== this.material) return; // of a pass for normals or depths
-    const perspective = camera as PerspectiveCamera;
-    const target = renderer.getRenderTarget();
-    let colourSpace = renderer.outputColorSpace;
-    if (target !== null) {
-      colourSpace = target.isXRRenderTarget ? target.texture.colorSpace : LinearSRGBColorSpace;
-    }
-    this.player.draw({
-      projection: camera.projectionMatrix.elements,
-      viewFromWorld: camera.matrixWorldInverse.elements,
-      worldFromScene: this.matrixWorld.elements,
-      near: perspective.near,
-      logarithmicFar: renderer.capabilities.logarithmicDepthBuffer ? perspective.far : null,
-      isReversed: perspective.reversedDepth === true,
-      isLinear: colourSpace === LinearSRGBColorSpace,
-    });
+    // Not in passes for normals, depths or shadows.
+    if (material !== this.material || scene.overrideMaterial) return;
+    this.drawing.draw(renderer, camera, this.matrixWorld);
   }
 
   /** Ends the player and frees the objects of the GPU. Remove the mesh from its parent as well. */

@@ -50,8 +50,11 @@ declare module "three" {
     readonly near: number;
     readonly far: number;
     readonly reversedDepth?: boolean;
+    readonly isArrayCamera?: boolean;
   }
-  export class Scene extends Object3D {}
+  export class Scene extends Object3D {
+    readonly overrideMaterial: Material | null;
+  }
   export interface WebGLRenderTarget {
     readonly isXRRenderTarget?: boolean;
     readonly texture: { readonly colorSpace: string };
@@ -63,5 +66,8 @@ declare module "three" {
     getContext(): WebGLRenderingContext | WebGL2RenderingContext;
     getRenderTarget(): WebGLRenderTarget | null;
   }
+  export const ColorManagement: { readonly enabled: boolean; readonly workingColorSpace: string };
   export const LinearSRGBColorSpace: string;
+  export const REVISION: string;
+  export const SRGBColorSpace: string;
 }

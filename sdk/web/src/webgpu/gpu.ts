@@ -6,7 +6,7 @@ import type {
 } from "./webgpu_types";
 
 /** The resource of a binding; null if the shader does not use the binding number. */
-export type Binding = GPUBufferBindingType | "texture" | null;
+export type Binding = GPUBufferBindingType | "texture" | "multisampled texture" | null;
 
 /** Returns the layout of bindings 0, 1, ... for stages of SHADER_STAGE. */
 export function layoutOf(
@@ -15,7 +15,10 @@ export function layoutOf(
   const entries = bindings.flatMap((type, binding): GPUBindGroupLayoutEntry[] => {
     if (type === null) return [];
     const entry = { binding, visibility };
-    if (type === "texture") return [{ ...entry, texture: { sampleType: "unfilterable-float" } }];
+    if (type === "texture" || type === "multisampled texture") {
+      const multisampled = type === "multisampled texture";
+      return [{ ...entry, texture: { sampleType: "unfilterable-float", multisampled } }];
+    }
     return [{ ...entry, buffer: { type } }];
   });
   return device.createBindGroupLayout({ entries });

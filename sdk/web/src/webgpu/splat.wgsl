@@ -71,7 +71,7 @@ fn corner(@builtin(vertex_index) index: u32, @builtin(instance_index) instance: 
   let side = vec2<f32>(vec2<u32>(index & 1u, (index >> 1u) & 1u)) * 2.0 - 1.0;
   let clip = 2.0 * corner_at(out.a.xy, extent, conic, side) / view.rows[4].xy - 1.0;
   let mapping = view.depth_mapping;
-  let mapped = mapping.x + mapping.y / depth + mapping.z * log2(1.0 + depth);
+  let mapped = mapping.x + mapping.y / depth + mapping.z * log2(mapping.w + depth);
   // Clamped, so that splats beyond the planes of the application's projection are drawn.
   out.position = vec4<f32>(clip.x, -clip.y, clamp(mapped, 0.0, 1.0), 1.0);
   return out;

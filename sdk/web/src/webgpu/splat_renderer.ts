@@ -3,12 +3,13 @@ import type { Camera, PackedSegment, RendererStatistics, SegmentSink } from "../
 import { FrameReport } from "./frame_report";
 import type { FrameFigures } from "./frame_report";
 import { groupOf, GrowingBuffer, maxStorageBytes } from "./gpu";
-import { kQuads, pipelinesOf } from "./pipelines";
-import type { OccluderFormat, Outputs, Pipelines } from "./pipelines";
+import { kQuads, pipelinesOf, splatLayoutOf } from "./pipelines";
+import type { Pipelines } from "./pipelines";
 import { RadixSort } from "./radix_sort";
 import type { SortKind } from "./radix_sort";
 import { SplatScene } from "./scene";
-import { Target } from "./target";
+import { SplatOutput } from "./splat_output";
+import type { SplatOutputOptions } from "./splat_output";
 import { ViewBuffer } from "./view_buffer";
 import type { Background, SplatView } from "./view_buffer";
 import { BUFFER_USAGE } from "./webgpu_types";
@@ -22,17 +23,10 @@ const kMaxViews = 4;
 /** Fraction of the records of a frame that are primitives; the others are padding of segments. */
 const kPrimitiveShare = 15 / 16;
 
-/** Settings of a renderer. */
-export interface SplatRendererOptions {
+/** Settings of a renderer, and the kind of the textures of its default output. */
+export interface SplatRendererOptions extends SplatOutputOptions {
   /** The maximum number of views per frame, 1 (default) to 4. */
   views?: number;
-  /**
-   * Whether views have a depth. Without the device feature `float32-blendable`, depths are summed as half
-   * floats, which is less precise, and clamped to 65504 scene units.
-   */
-  depth?: boolean;
-  /** If set, objects of the application hide the splats behind them; each view must then have `occluders`. */
-  occluders?: OccluderFormat;
   /**
    * Default: the fastest sort that the device can run. "subgroups" needs the device feature `subgroups`,
    * and subgroups of one size.
@@ -46,12 +40,19 @@ function quadIndices(): Uint16Array {
     { length: 6 * kQuads }, (_, k) => 4 * Math.floor(k / 6) + [0, 1, 2, 2, 1, 3][k % 6]!);
 }
 
-function outputsOf(format: GPUTextureFormat, options: SplatRendererOptions): Outputs {
-  const { views = 1, depth = false, occluders = null } = options;
-  if (!Number.isInteger(views) || views < 1 || views > kMaxViews) {
-    throw new RangeError(`${views} views (expected 1 to ${kMaxViews})`);
+/** Names the kind of the textures of an output. */
+function keyOf(format: GPUTextureFormat, options: SplatOutputOptions): string {
+  const { depth = false, occluders, samples = 1, isLinear = false } = options;
+  return [format, depth, occluders?.format, occluders?.isReversed === true, samples, isLinear].join();
+}
+
+function checkCamera({ width, height, near }: Camera): void {
+  if (![width, height].every((size) => Number.isInteger(size) && size > 0)) {
+    throw new Error(`an image of ${width}x${height} pixels (expected whole numbers above 0)`);
   }
-  return { format, views, hasDepth: depth, occluders };
+  if (!(near >= 0)) {
+    throw new Error(`the near plane is at ${near} scene units (expected 0 or more)`);
+  }
 }
 
 /**
@@ -64,27 +65,22 @@ export class SplatRenderer implements SegmentSink {
   /** Of a recent frame. */
   figures: FrameFigures = { visible: 0, projectMs: null, sortMs: null, rasterMs: null };
   private readonly report: FrameReport;
-  private readonly targets: readonly Target[]; // of the views
-  private readonly viewBuffer: ViewBuffer;
+  private readonly outputs = new Map<string, SplatOutput>(); // by the kind of their textures
   private readonly indices: GPUBuffer;
   private readonly records: GrowingBuffer;
   private views = 0; // of the groups
   private frameGroup: GPUBindGroup | null = null; // null: there is nothing to draw
   private batchGroups: GPUBindGroup[] = [];
-  private splatGroups: GPUBindGroup[] = []; // of the views, as the following
-  private readonly resolveGroups: GPUBindGroup[] = [];
-  private readonly depthGroups: GPUBindGroup[] = [];
+  private splatGroups: GPUBindGroup[] = []; // of the views
 
   private constructor(
-    private readonly device: GPUDevice, private readonly outputs: Outputs,
-    private readonly pipelines: Pipelines, private readonly sort: RadixSort,
+    private readonly device: GPUDevice, private readonly pipelines: Pipelines,
+    private readonly sort: RadixSort, private readonly viewBuffer: ViewBuffer,
+    private readonly defaultOutput: SplatOutput,
   ) {
     const { COPY_DST, INDEX, STORAGE } = BUFFER_USAGE;
-    const { views, hasDepth } = outputs;
     this.scene = new SplatScene(device);
-    this.report = new FrameReport(device, views);
-    this.targets = Array.from({ length: views }, () => new Target(device, hasDepth));
-    this.viewBuffer = new ViewBuffer(device, views);
+    this.report = new FrameReport(device, viewBuffer.length);
     const indices = quadIndices();
     this.indices = device.createBuffer({ size: indices.byteLength, usage: INDEX | COPY_DST });
     device.queue.writeBuffer(this.indices, 0, indices);
@@ -93,16 +89,39 @@ export class SplatRenderer implements SegmentSink {
 
   /**
    * Resolves once the shaders are compiled. `format`: of the textures to be drawn to. Rejects with a
-   * RangeError if the number of views is invalid, or if the device cannot run the sort.
+   * RangeError if the number of views or of samples is invalid, or if the device cannot run the sort.
    */
   static async create(
     device: GPUDevice, format: GPUTextureFormat, options: SplatRendererOptions = {},
   ): Promise<SplatRenderer> {
-    const outputs = outputsOf(format, options);
+    const { views = 1, sort: sortKind, ...output } = options;
+    if (!Number.isInteger(views) || views < 1 || views > kMaxViews) {
+      throw new RangeError(`${views} views (expected 1 to ${kMaxViews})`);
+    }
+    const splatLayout = splatLayoutOf(device);
+    const viewBuffer = new ViewBuffer(device, views);
+    const defaultOutput = new SplatOutput(device, splatLayout, viewBuffer, format, output);
     const [pipelines, sort] = await Promise.all([
-      pipelinesOf(device, outputs), RadixSort.create(device, options.sort),
+      pipelinesOf(device, splatLayout, views), RadixSort.create(device, sortKind), defaultOutput.compile(),
     ]);
-    return new SplatRenderer(device, outputs, pipelines, sort);
+    const renderer = new SplatRenderer(device, pipelines, sort, viewBuffer, defaultOutput);
+    renderer.outputs.set(keyOf(format, output), defaultOutput);
+    return renderer;
+  }
+
+  /**
+   * Returns the output to textures of another kind than those set at creation, which belongs to this object. Its
+   * shaders are compiled when it is first drawn to. Throws a RangeError if the options are invalid.
+   */
+  output(format: GPUTextureFormat, options: SplatOutputOptions): SplatOutput {
+    const key = keyOf(format, options);
+    let output = this.outputs.get(key);
+    if (output === undefined) {
+      const { device, pipelines: { splatLayout }, viewBuffer } = this;
+      output = new SplatOutput(device, splatLayout, viewBuffer, format, options);
+      this.outputs.set(key, output);
+    }
+    return output;
   }
 
   /** `visible`, `computeMs` and `rasterMs` are those of a recent frame. */
@@ -137,23 +156,33 @@ export class SplatRenderer implements SegmentSink {
   /**
    * Draws views of the primitives at `ticks` of the timeline, in the order of the views, over a
    * background, or, if it is null, over the content of their textures. Evaluates the primitives once for
-   * all views. Throws an Error if there are more views than set at creation, if a view does not match the
-   * options of the renderer, if a near plane is below 0, if the size of an image is not in whole pixels
-   * above 0, or if an image or the splats of the frame are too large for the device.
+   * all views. `output`: of output(); default: to textures of the kind set at creation. Throws an Error if
+   * there are more views than set at creation, if a view does not match the output, if a near plane is
+   * below 0, if the size of an image is not in whole pixels above 0, or if an image or the splats of the
+   * frame are too large for the device.
    */
-  drawViews(views: readonly SplatView[], ticks: number, background: Background | null): void {
-    views.forEach((view) => this.check(view));
-    if (views.length > this.outputs.views) {
-      throw new Error(`${views.length} views, but the renderer was created for ${this.outputs.views}`);
+  drawViews(
+    views: readonly SplatView[], ticks: number, background: Background | null,
+    output = this.defaultOutput,
+  ): void {
+    views.forEach((view) => {
+      checkCamera(view.camera);
+      output.check(view, background === null);
+    });
+    if (views.length > this.viewBuffer.length) {
+      throw new Error(`${views.length} views, but the renderer was created for ${this.viewBuffer.length}`);
     }
     if (views.length === 0) return;
-    this.prepare(views, ticks);
+    views.forEach((view, k) => output.prepare(view, k));
+    this.prepare(views.length, ticks);
     this.viewBuffer.write(views, background);
     const encoder = this.device.createCommandEncoder();
     if (this.frameGroup !== null) this.encodeProjection(encoder, this.frameGroup);
     views.forEach((view, k) => {
-      this.encodeSplats(encoder, view, k);
-      this.encodeResolve(encoder, view, k, background === null);
+      if (this.frameGroup !== null) this.encodeSort(encoder, k);
+      output.encodeSplats(encoder, view, k, this.report.timesOf(2 + 2 * k),
+        (pass, pipeline) => this.encodeRaster(pass, pipeline, k));
+      output.encodeResolve(encoder, view, k, background === null);
     });
     const submitted = this.frameGroup === null ? null : this.report.encode(
       encoder, this.sort.drawn, views.length, (figures) => this.receive(figures));
@@ -164,18 +193,21 @@ export class SplatRenderer implements SegmentSink {
 
   /** Maximum number of primitives of a frame, with the number of views set at creation. */
   get maxPrimitives(): number {
-    const records = maxStorageBytes(this.device) / (kRecordBytes * this.outputs.views);
+    const records = maxStorageBytes(this.device) / (kRecordBytes * this.viewBuffer.length);
     return Math.floor(kPrimitiveShare * records);
   }
 
-  /** Reads the last image of the first view: premultiplied values as blended, RGBA, row by row from the top. */
+  /**
+   * Reads the last image of the first view of the default output: premultiplied values as blended, RGBA, row
+   * by row from the top. Rejects if it has 4 samples per pixel.
+   */
   read(): Promise<Float32Array> {
-    return (this.targets[0] as Target).read();
+    return this.defaultOutput.read();
   }
 
   /** Destroys all objects except the device. */
   destroy(): void {
-    for (const part of [this.scene, this.report, ...this.targets, this.sort, this.viewBuffer,
+    for (const part of [this.scene, this.report, ...this.outputs.values(), this.sort, this.viewBuffer,
                         this.indices, this.records]) {
       part.destroy();
     }
@@ -186,54 +218,27 @@ export class SplatRenderer implements SegmentSink {
     if (this.frameGroup !== null) this.figures = figures;
   }
 
-  private check({ camera, depth, occluders }: SplatView): void {
-    const { width, height } = camera;
-    if (![width, height].every((size) => Number.isInteger(size) && size > 0)) {
-      throw new Error(`an image of ${width}x${height} pixels (expected whole numbers above 0)`);
-    }
-    if (!(camera.near >= 0)) {
-      throw new Error(`the near plane is at ${camera.near} scene units (expected 0 or more)`);
-    }
-    if (depth !== undefined && !this.outputs.hasDepth) {
-      throw new Error("a view has a depth, but the renderer was created without the option depth");
-    }
-    if ((occluders !== undefined) !== (this.outputs.occluders !== null)) {
-      throw new Error("either all views or none have occluders, as the renderer was created with them");
-    }
-  }
-
   /** Uploads the tables of a frame, and resizes buffers and bindings as needed. */
-  private prepare(views: readonly SplatView[], ticks: number): void {
-    views.forEach(({ camera }, k) => this.prepareTarget(camera, k));
+  private prepare(views: number, ticks: number): void {
     const { device, pipelines, scene, sort } = this;
     // Drop outdated bindings now, so that no later frame uses them if growing a buffer fails.
-    if (scene.prepare(ticks) || this.views !== views.length) this.frameGroup = null;
+    if (scene.prepare(ticks) || this.views !== views) this.frameGroup = null;
     const { slots } = scene;
     if (slots === 0) return;
-    if (this.records.reserve(kRecordBytes * slots * views.length)) this.frameGroup = null;
-    if (sort.reserve(slots, views.length)) this.frameGroup = null;
+    if (this.records.reserve(kRecordBytes * slots * views)) this.frameGroup = null;
+    if (sort.reserve(slots, views)) this.frameGroup = null;
     if (this.frameGroup !== null) return;
-    this.views = views.length;
+    this.views = views;
     const records = { buffer: this.records.buffer };
     this.frameGroup = groupOf(device, pipelines.frameLayout,
       [this.viewBuffer.all, scene.segments, { buffer: sort.depths }, records]);
     this.batchGroups = scene.batches.map(
       ({ words, groups }) => groupOf(device, pipelines.batchLayout, [words, groups]));
     const size = kRecordBytes * slots;
-    this.splatGroups = views.map((_, k) => groupOf(device, pipelines.splatLayout, [
+    this.splatGroups = Array.from({ length: views }, (_, k) => groupOf(device, pipelines.splatLayout, [
       this.viewBuffer.binding(k), { ...records, offset: size * k, size }, { buffer: sort.order },
       { buffer: sort.drawn }, sort.depthsOf(k),
     ]));
-  }
-
-  private prepareTarget({ width, height }: Camera, k: number): void {
-    const target = this.targets[k] as Target;
-    if (!target.resize(width, height)) return;
-    const { resolveLayout } = this.pipelines;
-    const view = this.viewBuffer.binding(k);
-    this.resolveGroups[k] = groupOf(this.device, resolveLayout, [target.view, view]);
-    if (target.depthView === null) return;
-    this.depthGroups[k] = groupOf(this.device, resolveLayout, [target.depthView, view]);
   }
 
   private encodeProjection(encoder: GPUCommandEncoder, group: GPUBindGroup): void {
@@ -249,28 +254,10 @@ export class SplatRenderer implements SegmentSink {
     pass.end();
   }
 
-  /** Sorts and blends the splats of view k. */
-  private encodeSplats(encoder: GPUCommandEncoder, { occluders }: SplatView, k: number): void {
-    if (this.frameGroup !== null) {
-      const sorting = encoder.beginComputePass(this.report.timesOf(1 + 2 * k));
-      this.sort.encode(sorting, k);
-      sorting.end();
-    }
-    const { view, depthView } = this.targets[k] as Target;
-    const hasStencil = this.outputs.occluders?.format.endsWith("stencil8") === true;
-    const pass = encoder.beginRenderPass({
-      colorAttachments: (depthView === null ? [view] : [view, depthView]).map((one) => (
-        { view: one, loadOp: "clear", storeOp: "store", clearValue: [0, 0, 0, 0] })),
-      ...(occluders === undefined ? {} : {
-        depthStencilAttachment: {
-          view: occluders.depth, depthReadOnly: true,
-          ...(hasStencil ? { stencilReadOnly: true } : {}),
-        },
-      }),
-      ...this.report.timesOf(2 + 2 * k),
-    });
-    this.encodeRaster(pass, this.pipelines.splat, k);
-    pass.end();
+  private encodeSort(encoder: GPUCommandEncoder, k: number): void {
+    const sorting = encoder.beginComputePass(this.report.timesOf(1 + 2 * k));
+    this.sort.encode(sorting, k);
+    sorting.end();
   }
 
   /**
@@ -283,26 +270,5 @@ export class SplatRenderer implements SegmentSink {
     pass.setBindGroup(0, this.splatGroups[k] as GPUBindGroup);
     pass.setIndexBuffer(this.indices, "uint16");
     pass.drawIndexedIndirect(this.sort.drawn, 0);
-  }
-
-  private encodeResolve(
-    encoder: GPUCommandEncoder, { camera, to, at, depth }: SplatView, k: number, isOverlay: boolean,
-  ): void {
-    const { resolve, overlay, resolveDepth } = this.pipelines;
-    const loadOp = isOverlay || at !== undefined ? "load" : "clear";
-    const pass = encoder.beginRenderPass({ colorAttachments: [{ view: to, loadOp, storeOp: "store" }] });
-    pass.setPipeline(isOverlay ? overlay : resolve);
-    pass.setBindGroup(0, this.resolveGroups[k] as GPUBindGroup);
-    if (at !== undefined) pass.setViewport(at[0], at[1], camera.width, camera.height, 0, 1);
-    pass.draw(3);
-    pass.end();
-    if (depth === undefined || resolveDepth === null) return;
-    const depthPass = encoder.beginRenderPass({
-      colorAttachments: [{ view: depth, loadOp: "clear", storeOp: "store" }],
-    });
-    depthPass.setPipeline(resolveDepth);
-    depthPass.setBindGroup(0, this.depthGroups[k] as GPUBindGroup);
-    depthPass.draw(3);
-    depthPass.end();
   }
 }

@@ -33,7 +33,11 @@ export class Target {
   private current: GPUTextureView | null = null;
   private currentDepth: GPUTextureView | null = null;
 
-  constructor(private readonly device: GPUDevice, private readonly hasDepth: boolean) {}
+  /** `samples`: 1 or 4 per pixel. */
+  constructor(
+    private readonly device: GPUDevice, private readonly hasDepth: boolean,
+    private readonly samples = 1,
+  ) {}
 
   /** Only after resize(). */
   get view(): GPUTextureView {
@@ -56,7 +60,7 @@ export class Target {
     this.destroy();
     const { RENDER_ATTACHMENT, TEXTURE_BINDING, COPY_SRC } = TEXTURE_USAGE;
     this.texture = this.device.createTexture({
-      size: [width, height], format: kTargetFormat,
+      size: [width, height], format: kTargetFormat, sampleCount: this.samples,
       usage: RENDER_ATTACHMENT | TEXTURE_BINDING | COPY_SRC,
     });
     this.current = this.texture.createView();
@@ -69,8 +73,9 @@ export class Target {
     return true;
   }
 
-  /** Reads the image, RGBA, row by row from the top. */
+  /** Reads the image, RGBA, row by row from the top. Rejects if it has 4 samples per pixel. */
   async read(): Promise<Float32Array> {
+    if (this.samples !== 1) throw new Error(`an image with ${this.samples} samples per pixel cannot be read`);
     if (this.texture === null) return new Float32Array(0);
     const { width, height } = this.texture;
     const rowBytes = Math.ceil((8 * width) / 256) * 256;

@@ -4,18 +4,19 @@ import type { Camera } from "../types";
 import { BUFFER_USAGE } from "./webgpu_types";
 import type { GPUBuffer, GPUBufferBinding, GPUDevice, GPUTextureView } from "./webgpu_types";
 
-/** Premultiplied RGBA, sRGB-encoded. */
+/** Premultiplied RGBA, sRGB-encoded, also with linear colours of the output. */
 export type Background = readonly [number, number, number, number];
 
 /** The depth of the objects of an application, which hide the splats behind them. */
 export interface Occluders {
-  /** A texture with one sample per pixel, of the size of the camera; only its depth is read. */
+  /** A texture of the size of the camera, with the samples per pixel of the output; only its depth is read. */
   depth: GPUTextureView;
   /**
-   * [a, b, c]: a point z scene units in front of the camera has the depth a + b / z + c log2(1 + z) in the
-   * texture, 0 to 1. For a projection with planes at n and f: a = f / (f - n), b = -a n, c = 0.
+   * [a, b, c, d], d = 1 if omitted: a point z scene units in front of the camera has the depth
+   * a + b / z + c log2(d + z) in the texture, 0 to 1. For a projection with planes at n and f:
+   * a = f / (f - n), b = -a n, c = 0.
    */
-  mapping: readonly [number, number, number];
+  mapping: readonly [number, number, number, number?];
 }
 
 /** A view of a frame, and the textures that receive it. */
@@ -28,6 +29,16 @@ export interface SplatView {
    * image fills `to`.
    */
   at?: readonly [number, number];
+  /**
+   * The rectangle of the image that is drawn: x, y, width and height, pixels, within the image. Other
+   * pixels of `to` keep their content. Default: the whole image.
+   */
+  within?: readonly [number, number, number, number];
+  /**
+   * A copy of `to`, as it is before the splats. Required for linear colours without a background,
+   * otherwise not permitted.
+   */
+  content?: GPUTextureView;
   /**
    * Receives the depth, as the native renderers define it: the mean camera z of the splats, in scene units,
    * with their weights in the colour; 0 where alpha is 0. Without the device feature `float32-blendable`,
@@ -45,9 +56,10 @@ const kStride = 256;
 export class ViewBuffer {
   private readonly buffer: GPUBuffer;
 
-  constructor(private readonly device: GPUDevice, views: number) {
+  /** `length`: the maximum number of views per frame. */
+  constructor(private readonly device: GPUDevice, readonly length: number) {
     const { UNIFORM, COPY_DST } = BUFFER_USAGE;
-    this.buffer = device.createBuffer({ size: kStride * views, usage: UNIFORM | COPY_DST });
+    this.buffer = device.createBuffer({ size: kStride * length, usage: UNIFORM | COPY_DST });
   }
 
   /** All views. */
@@ -66,7 +78,8 @@ export class ViewBuffer {
     views.forEach(({ camera, at, occluders }, k) => {
       const first = (kStride / 4) * k;
       floats.set(viewUniforms(camera), first);
-      floats.set(occluders?.mapping ?? [0, 0, 0], first + 24);
+      const [a, b, c, d = 1] = occluders?.mapping ?? [0, 0, 0];
+      floats.set([a, b, c, d], first + 24);
       floats.set(background ?? [0, 0, 0, 0], first + 28);
       floats.set(at ?? [0, 0], first + 32);
       words[first + 34] = views.length;

@@ -16,7 +16,12 @@ export interface GPUTextureView {
 export interface GPUTexture {
   readonly width: number;
   readonly height: number;
-  createView(): GPUTextureView;
+  readonly format: string;
+  readonly sampleCount: number;
+  /** Without a descriptor, the view has all levels and layers. */
+  createView(descriptor?: {
+    dimension: "2d"; baseMipLevel: number; mipLevelCount: 1; baseArrayLayer: number; arrayLayerCount: 1;
+  }): GPUTextureView;
   destroy(): void;
 }
 
@@ -64,7 +69,7 @@ export interface GPUBindGroupLayoutEntry {
   binding: number;
   visibility: number;
   buffer?: { type: GPUBufferBindingType };
-  texture?: { sampleType: "unfilterable-float" };
+  texture?: { sampleType: "unfilterable-float"; multisampled: boolean };
 }
 
 export interface GPUTimestampWrites {
@@ -89,6 +94,7 @@ export interface GPURenderPassEncoder {
   setViewport(
     x: number, y: number, width: number, height: number, minDepth: number, maxDepth: number,
   ): void;
+  setScissorRect(x: number, y: number, width: number, height: number): void;
   end(): void;
 }
 
@@ -115,6 +121,10 @@ export interface GPUCommandEncoder {
     from: { texture: GPUTexture }, to: { buffer: GPUBuffer; bytesPerRow: number },
     size: [number, number],
   ): void;
+  copyTextureToTexture(
+    from: { texture: GPUTexture; mipLevel?: number; origin?: [number, number, number] },
+    to: { texture: GPUTexture }, size: [number, number],
+  ): void;
   resolveQuerySet(
     queries: GPUQuerySet, first: number, count: number, to: GPUBuffer, offset: number,
   ): void;
@@ -130,9 +140,10 @@ export interface GPUQueue {
   onSubmittedWorkDone(): Promise<unknown>;
 }
 
-/** The formats of a canvas, of the blended image, and of depths. */
+/** The formats of canvases and render targets, of the blended image, and of depths. */
 export type GPUTextureFormat =
-  "rgba8unorm" | "bgra8unorm" | "rgba16float" | "rg16float" | "rg32float" | "r32float";
+  "rgba8unorm" | "rgba8unorm-srgb" | "bgra8unorm" | "bgra8unorm-srgb" | "rgb10a2unorm" | "rg11b10ufloat" |
+  "rgba16float" | "rgba32float" | "rg16float" | "rg32float" | "r32float";
 
 export type GPUDepthFormat =
   "depth16unorm" | "depth24plus" | "depth24plus-stencil8" | "depth32float" | "depth32float-stencil8";
@@ -157,6 +168,7 @@ export interface GPURenderPipelineDescriptor {
   depthStencil?: {
     format: GPUDepthFormat; depthCompare: "less-equal" | "greater-equal"; depthWriteEnabled: false;
   };
+  multisample?: { count: number };
 }
 
 export interface GPUComputePipelineDescriptor {
@@ -168,6 +180,8 @@ export interface GPULimits {
   readonly maxBufferSize: number;
   readonly maxStorageBufferBindingSize: number;
   readonly maxTextureDimension2D: number;
+  /** 0 in compatibility mode; missing in older browsers. */
+  readonly maxStorageBuffersInVertexStage?: number;
 }
 
 export interface GPUDevice {
@@ -179,7 +193,7 @@ export interface GPUDevice {
   readonly lost: Promise<{ readonly reason: string | undefined; readonly message: string }>;
   createBuffer(descriptor: { size: number; usage: number }): GPUBuffer;
   createTexture(descriptor: {
-    size: [number, number]; format: GPUTextureFormat; usage: number;
+    size: [number, number]; format: GPUTextureFormat; usage: number; sampleCount?: number;
   }): GPUTexture;
   createQuerySet(descriptor: { type: "timestamp"; count: number }): GPUQuerySet;
   createBindGroupLayout(descriptor: { entries: GPUBindGroupLayoutEntry[] }): GPUBindGroupLayout;
@@ -189,6 +203,7 @@ export interface GPUDevice {
   }): GPUBindGroup;
   createShaderModule(descriptor: { code: string }): GPUShaderModule;
   createComputePipelineAsync(descriptor: GPUComputePipelineDescriptor): Promise<GPUComputePipeline>;
+  createRenderPipeline(descriptor: GPURenderPipelineDescriptor): GPURenderPipeline;
   createRenderPipelineAsync(descriptor: GPURenderPipelineDescriptor): Promise<GPURenderPipeline>;
   createCommandEncoder(): GPUCommandEncoder;
   addEventListener(
@@ -224,6 +239,8 @@ export const BUFFER_USAGE = {
   MAP_READ: 0x1, COPY_SRC: 0x4, COPY_DST: 0x8, INDEX: 0x10, UNIFORM: 0x40, STORAGE: 0x80,
   INDIRECT: 0x100, QUERY_RESOLVE: 0x200,
 };
-export const TEXTURE_USAGE = { COPY_SRC: 0x1, TEXTURE_BINDING: 0x4, RENDER_ATTACHMENT: 0x10 };
+export const TEXTURE_USAGE = {
+  COPY_SRC: 0x1, COPY_DST: 0x2, TEXTURE_BINDING: 0x4, RENDER_ATTACHMENT: 0x10,
+};
 export const SHADER_STAGE = { VERTEX: 0x1, FRAGMENT: 0x2, COMPUTE: 0x4 };
 export const MAP_MODE_READ = 0x1;
