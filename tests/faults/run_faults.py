@@ -109,6 +109,25 @@ def problem_of(scenario, result, left, expected, fault):
     return None if is_clean else f"failure leaves {sorted(left)}"
 
 
+class DoesNotEnd(Exception):
+    """With the stacks of the threads, if eu-stack (package elfutils) is installed."""
+
+
+def run_for(seconds, command, folder, environment):
+    """Runs a command to its end, or raises DoesNotEnd."""
+    with subprocess.Popen(command, cwd=folder, env=environment, text=True, errors="replace",
+                          stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        try:
+            output, error = process.communicate(timeout=seconds)
+        except subprocess.TimeoutExpired:
+            has_stacks = shutil.which("eu-stack") is not None
+            stacks = subprocess.run(["eu-stack", "-p", str(process.pid)], capture_output=True, text=True,
+                                    check=False).stdout if has_stacks else ""
+            process.kill()
+            raise DoesNotEnd(stacks) from None
+    return subprocess.CompletedProcess(command, process.returncode, output, error)
+
+
 class Runner:
     def __init__(self, options, fixture, pool):
         self.options, self.fixture, self.pool = options, fixture, pool
@@ -130,9 +149,7 @@ class Runner:
             environment = {**os.environ, "LD_PRELOAD": os.path.abspath(self.options.faults)}
             environment.update({"STGS_FAULT": fault} if fault else {})
             environment.update({"STGS_FAULT_COUNTS": counts} if counts else {})
-            result = subprocess.run([self.program(scenario), *scenario.arguments], cwd=folder, check=False,
-                                    env=environment, capture_output=True, text=True,
-                                    errors="replace", timeout=SECONDS)
+            result = run_for(SECONDS, [self.program(scenario), *scenario.arguments], folder, environment)
             left = {name: contents(os.path.join(folder, name)) for name in os.listdir(folder)
                     if name not in scenario.inputs}
         return result, left
@@ -147,8 +164,8 @@ class Runner:
         """Returns the problem of a run; None: there is none."""
         try:
             result, left = self.run(scenario, fault)
-        except subprocess.TimeoutExpired:
-            return f"{scenario.name}, {fault}: does not end"
+        except DoesNotEnd as error:
+            return f"{scenario.name}, {fault}: does not end\n{error}"
         problem = problem_of(scenario, result, left, expected, fault)
         return problem and f"{scenario.name}, {fault}: {problem}: {result.stderr.strip()[-300:]}"
 
