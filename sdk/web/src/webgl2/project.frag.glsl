@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Computes the splats of a part of the depth order, as project.comp of the native renderer does. Each
-// fragment writes the record of one entry.
+// Computes the splats of a part of the depth order, as project.comp of the native renderer does.
+// Each fragment writes the record of one entry.
+#include "record.glsl"
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/lifespan.h"
 #include "stgs/format/math/project.h"
 #include "stgs/format/math/screen_splat.h"
 #include "stgs/format/math/sh.h"
-#include "record.glsl"
 
 // The packed segments: pairs of 32-bit words, kRowPairs to a row, kLayerRows rows to a layer.
 uniform usampler2DArray atlas;
@@ -15,7 +15,8 @@ uniform usampler2DArray atlas;
 uniform usampler2D segments;
 // Per group of 256 entries of the order: its segment, as an index into `segments`.
 uniform usampler2D groups;
-// The order, kRecordRow entries to a row: indices of primitives among the entries of all its segments.
+// The order, kRecordRow entries to a row: indices of primitives among the entries of all its
+// segments.
 uniform usampler2D order;
 uniform uint first_row;  // of the part in `order`
 uniform uint count;      // entries of the part

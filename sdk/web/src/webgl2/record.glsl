@@ -54,7 +54,8 @@ Splat unpack_splat(uvec4 a, uvec4 b) {
   splat.falloff.xy = floats.w;
   splat.falloff.yy = uintBitsToFloat(b.x);
   splat.peak = float(b.z >> 16u) / kPeakSteps;
-  splat.extent = steps == kExtentMask ? kMaxExtent : exp2(float(steps) / kExtentSteps + kExtentFirst);
+  splat.extent =
+      steps == kExtentMask ? kMaxExtent : exp2(float(steps) / kExtentSteps + kExtentFirst);
   splat.colour = vec3(unpackHalf2x16(b.y), unpackHalf2x16(b.z & 0xffffu).x);
   splat.depth = uintBitsToFloat(b.w & ~kExtentMask);
   return splat;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Draws the splats of records: for each, a rectangle around the pixels that it covers. An instance has
-// kQuads of them, with four vertices each.
-#include "stgs/format/math/screen_splat.h"
+// Draws the splats of records: for each, a rectangle around the pixels that it covers. An instance
+// has kQuads of them, with four vertices each.
 #include "record.glsl"
+#include "stgs/format/math/screen_splat.h"
 
 uniform usampler2D records_a, records_b;  // that project.frag.glsl wrote
 uniform vec2 image_size;                  // pixels
@@ -59,7 +59,8 @@ void main() {
   if (!is_visible(b)) return;
   Splat splat = unpack_splat(texelFetch(records_a, texel, 0), b);
   Sym2 conic = conic_of(splat.falloff);
-  vec2 side = vec2((corner_number & 1u) == 0u ? -1.0 : 1.0, (corner_number & 2u) == 0u ? -1.0 : 1.0);
+  vec2 side =
+      vec2((corner_number & 1u) == 0u ? -1.0 : 1.0, (corner_number & 2u) == 0u ? -1.0 : 1.0);
   vec2 extent = splat.extent * vec2(1.0, sqrt(conic.xx / conic.yy));
   vec2 corner;
   if (!corner_at(splat.mean, extent, conic, side, corner)) return;
