@@ -20,7 +20,8 @@ async function jobsOfFile(module, path, file) {
     ended.push(job.id);
   };
   const core = await Core.create(module, { read: (...read) => reads.push(read), cancel: () => undefined, decode });
-  core.open(path, file.length, false, 2 ** 31, Infinity, 1e6, 2 ** 20);
+  const options = { memoryBudget: 2 ** 31, maxPrimitives: Infinity, lookAhead: 1e6, latency: 1 };
+  core.open(path, file.length, false, options, 2 ** 20);
   for (let result = core.tryOpen(); !("info" in result); result = core.tryOpen()) {
     if (!("missing" in result)) throw new Error(result.message);
     const [offset, bytes] = result.missing;
