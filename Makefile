@@ -3,7 +3,7 @@
 #   make           builds the program with its page for browsers, build/release/bin/stgs
 #   make web       builds the player for browsers, build/release/web/stgs
 #   make demo      builds the program and encodes, checks and renders the sample capture
-#   make check     builds everything and runs the tests (12 minutes on two cores)
+#   make check     builds everything and runs the tests (25 minutes on two cores)
 #   make check-all the same, then the slow tests: sanitizers, builds without the encoder, Debian 13
 # Everything else is plain CMake (README.md, CMakePresets.json).
 JOBS ?= $(shell nproc)
