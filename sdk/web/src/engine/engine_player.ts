@@ -4,25 +4,9 @@ import { SegmentPlayer, SegmentPlayerOptions } from "../player/segment_player";
 import { sorterUrl } from "../resources";
 import type { SceneInfo } from "../types";
 import { cameraOfMatrices, product } from "../webgl2/camera";
-import type { Matrix4 } from "../webgl2/camera";
 import { SplatScene } from "../webgl2/splat_scene";
+import type { EngineView } from "./engine_view";
 import { drawAmongObjects, preserveState } from "./gl_state";
-
-/** How the engine draws the current image. */
-export interface EngineView {
-  /** Column by column, of OpenGL. It has to be a perspective. */
-  projection: Matrix4;
-  viewFromWorld: Matrix4;
-  worldFromScene: Matrix4;
-  /** Distance of the near plane. */
-  near: number;
-  /** Distance of the far plane if the depth buffer is logarithmic; otherwise null. */
-  logarithmicFar: number | null;
-  /** Whether nearer depths are larger. */
-  isReversed: boolean;
-  /** Whether the target has linear colours; otherwise they are sRGB-encoded. */
-  isLinear: boolean;
-}
 
 /** The corners of the scene's bounds with a margin, since primitives move and have a size. */
 export function boundsOf(info: SceneInfo): { min: number[]; max: number[] } {

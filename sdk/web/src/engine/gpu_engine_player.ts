@@ -3,29 +3,13 @@
 import { textOf } from "../player/errors";
 import { SegmentPlayer, SegmentPlayerOptions } from "../player/segment_player";
 import { cameraOfMatrices, product } from "../webgl2/camera";
-import type { Matrix4 } from "../webgl2/camera";
 import type { SplatOutput, SplatRenderer, SplatView } from "../webgpu";
 import type { GPUDepthFormat, GPUDevice, GPUTextureFormat } from "../webgpu/webgpu_types";
 import { loadWebGpu } from "../webgpu_loader";
 import { DeferredSplats } from "./deferred_splats";
+import type { EngineView } from "./engine_view";
 import { ContentCopy, drawnPixels, sizeOf, viewOf } from "./gpu_target";
 import type { GpuEngineTarget } from "./gpu_target";
-
-/** How the engine draws the current image. */
-export interface GpuEngineView {
-  /** Column by column, with depths from 0 to 1. It has to be a perspective. */
-  projection: Matrix4;
-  viewFromWorld: Matrix4;
-  worldFromScene: Matrix4;
-  /** Distance of the near plane. */
-  near: number;
-  /** Distance of the far plane if depths are log2(z / near) / log2(far / near); otherwise null. */
-  logarithmicFar: number | null;
-  /** Whether nearer depths are larger. */
-  isReversed: boolean;
-  /** Whether the target has linear colours; otherwise they are sRGB-encoded. */
-  isLinear: boolean;
-}
 
 async function rendererOf(device: GPUDevice): Promise<SplatRenderer> {
   if (device.limits.maxStorageBuffersInVertexStage === 0) {
@@ -70,7 +54,7 @@ export class GpuEnginePlayer extends SegmentPlayer {
    * objects of the target's depth. All earlier drawing to the target must have been submitted. Throws an
    * Error if the projection is no perspective.
    */
-  draw(view: GpuEngineView, target: GpuEngineTarget): void {
+  draw(view: EngineView, target: GpuEngineTarget): void {
     if (view.projection[15] !== 0) throw new Error("scenes need a perspective camera");
     const ticks = this.frameTicks();
     const { renderer } = this.splats;
@@ -101,7 +85,7 @@ export class GpuEnginePlayer extends SegmentPlayer {
 }
 
 function outputOf(
-  renderer: SplatRenderer, { isReversed, isLinear }: GpuEngineView, { colour, depth }: GpuEngineTarget,
+  renderer: SplatRenderer, { isReversed, isLinear }: EngineView, { colour, depth }: GpuEngineTarget,
 ): SplatOutput {
   const { format, sampleCount } = colour.texture;
   const occluders = depth === null
@@ -113,7 +97,7 @@ function outputOf(
 
 /** `mapping` of the occluders, in units of the view. */
 function depthMapping(
-  { projection, near, logarithmicFar }: GpuEngineView, { viewport: { minDepth, maxDepth } }: GpuEngineTarget,
+  { projection, near, logarithmicFar }: EngineView, { viewport: { minDepth, maxDepth } }: GpuEngineTarget,
 ): [number, number, number, number] {
   if (logarithmicFar !== null) {
     const factor = 1 / Math.log2(logarithmicFar / near);

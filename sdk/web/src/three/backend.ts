@@ -7,7 +7,7 @@ import type {
   GPUCommandEncoder, GPUDevice, GPURenderPassDescriptor, GPUTexture,
 } from "../webgpu/webgpu_types";
 
-/** A `WebGPURenderer` of three.js, whatever its declarations are. */
+/** A `WebGPURenderer` of three.js; declared here because the types of its versions differ. */
 export interface ThreeGpuRenderer {
   readonly isWebGPURenderer?: boolean;
   readonly backend: object;
@@ -82,7 +82,7 @@ interface PassData {
       depthLoadOp?: string; stencilLoadOp?: string; depthStoreOp?: string; stencilStoreOp?: string;
     };
   };
-  /** The state that the pass has. */
+  /** The state set in the pass. */
   currentSets: object;
   currentStencilRef?: number;
   currentBlendColor?: { setRGB(r: number, g: number, b: number): void };
@@ -188,7 +188,7 @@ function targetParts(
   };
 }
 
-/** Begins the pass of a context again, with its content, and forgets the state that the pass had. */
+/** Begins the pass of a context again, keeping its content, and clears the record of the state set in it. */
 function resume(device: GPUDevice, context: RenderContext, pass: PassData): void {
   const { descriptor } = pass;
   for (const attachment of descriptor.colorAttachments) attachment.loadOp = "load";

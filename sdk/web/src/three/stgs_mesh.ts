@@ -13,7 +13,7 @@ import type { Drawing } from "./drawing";
 
 export interface StgsMeshOptions extends SegmentPlayerOptions {
   /**
-   * Draws the mesh; other renderers cannot. `init()` of a WebGPURenderer must have resolved.
+   * The only renderer that can draw the mesh. Await `init()` of a WebGPURenderer first.
    */
   renderer: WebGLRenderer | ThreeGpuRenderer;
 }

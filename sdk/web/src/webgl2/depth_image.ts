@@ -21,7 +21,7 @@ export class DepthImage {
     this.resolve = new Program(gl, resolveVertex, depthFragment);
   }
 
-  /** Makes it the size of an image, pixels. */
+  /** Resizes it to an image, pixels. */
   resize(width: number, height: number): void {
     const { gl } = this;
     const [internal, type] = this.isFloat ? [gl.RGBA32F, gl.FLOAT] : [gl.RGBA16F, gl.HALF_FLOAT];

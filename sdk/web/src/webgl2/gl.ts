@@ -61,7 +61,7 @@ export function succeeds(gl: WebGL2RenderingContext, allocate: () => void): bool
 }
 
 /**
- * Makes the bound 2D texture one of unsigned integers, as they are. Returns false if it is too large
+ * Makes the bound 2D texture one of unsigned integers, without filtering. Returns false if it is too large
  * for the GPU.
  */
 export function allocateTexture(

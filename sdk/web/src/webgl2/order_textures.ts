@@ -8,7 +8,7 @@ export class OrderTextures {
   private readonly groups: Table;
   private readonly entries: WebGLTexture;
   private rows = 0; // of `entries`
-  /** Of entries. */
+  /** The number of entries. */
   count = 0;
 
   constructor(private readonly gl: WebGL2RenderingContext) {

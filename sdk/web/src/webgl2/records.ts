@@ -30,7 +30,7 @@ export class Records {
     gl.bindVertexArray(null);
   }
 
-  /** Makes it large enough for the parts of an order. Throws an Error if the GPU has no memory. */
+  /** Enlarges the textures for the parts of an order. Throws an Error if the GPU has no memory. */
   reserve(count: number): void {
     const rows = Math.min(kMaxRows, Math.ceil(count / kRecordRow));
     if (rows <= this.rows) return;

@@ -31,7 +31,7 @@ export class Target {
     this.framebuffer = created(gl.createFramebuffer(), "framebuffer");
   }
 
-  /** Makes it the size of an image, pixels, and the framebuffer that is drawn to. */
+  /** Resizes it to an image, pixels, and binds its framebuffer. */
   bind(width: number, height: number): void {
     const gl = this.gl;
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.framebuffer);

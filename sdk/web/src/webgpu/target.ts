@@ -49,7 +49,7 @@ export class Target {
     return this.currentDepth;
   }
 
-  /** Makes it the size of an image, pixels. Returns whether the views were replaced. */
+  /** Resizes it to an image, pixels. Returns whether the views were replaced. */
   resize(width: number, height: number): boolean {
     if (this.texture?.width === width && this.texture.height === height) return false;
     const limit = this.device.limits.maxTextureDimension2D;
