@@ -53,7 +53,6 @@ endfunction()
 
 # What every build needs.
 find_package(Threads REQUIRED)
-find_package(TBB REQUIRED)
 find_package(fmt REQUIRED)
 stgs_find(deflate PKG libdeflate HEADER libdeflate.h LIBRARY deflate REQUIRED)
 stgs_find(hwy PKG libhwy HEADER hwy/highway.h LIBRARY hwy REQUIRED)

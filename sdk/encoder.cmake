@@ -8,7 +8,7 @@ add_library(stgs_encoder_sdk_objects OBJECT
   src/encoder/recorder.cpp
   src/encoder/train.cpp)
 target_include_directories(stgs_encoder_sdk_objects PRIVATE include src)
-target_link_libraries(stgs_encoder_sdk_objects PRIVATE stgs_encoder TBB::tbb)
+target_link_libraries(stgs_encoder_sdk_objects PRIVATE stgs_encoder)
 set_target_properties(stgs_encoder_sdk_objects PROPERTIES POSITION_INDEPENDENT_CODE ON)
 stgs_compile_options(stgs_encoder_sdk_objects)
 set(modules stgs_encoder)
@@ -22,7 +22,7 @@ endif()
 set(map ${CMAKE_CURRENT_SOURCE_DIR}/stgs_encoder.map)
 add_library(stgs_encoder_sdk SHARED $<TARGET_OBJECTS:stgs_encoder_sdk_objects> src/object.cpp)
 target_include_directories(stgs_encoder_sdk PRIVATE include src)
-target_link_libraries(stgs_encoder_sdk PRIVATE ${modules} TBB::tbb)
+target_link_libraries(stgs_encoder_sdk PRIVATE ${modules})
 target_link_options(stgs_encoder_sdk PRIVATE LINKER:--version-script=${map})
 set_target_properties(stgs_encoder_sdk PROPERTIES VERSION ${PROJECT_VERSION} SOVERSION 0
                       LINK_DEPENDS ${map})

@@ -89,7 +89,7 @@ file(WRITE ${documents}/triggers "activate-noawait ldconfig\n")
 set(CPACK_DEBIAN_RUNTIME_PACKAGE_CONTROL_EXTRA ${documents}/shlibs ${documents}/triggers)
 set(CPACK_DEBIAN_ENCODER_PACKAGE_CONTROL_EXTRA ${documents}/encoder/shlibs ${documents}/triggers)
 # Libraries that programs with stgs::static link.
-set(static_needs libfmt-dev libtbb-dev libdeflate-dev libhwy-dev)
+set(static_needs libfmt-dev libdeflate-dev libhwy-dev)
 if(STGS_HAS_DRACO)
   list(APPEND static_needs libdraco-dev)
 endif()

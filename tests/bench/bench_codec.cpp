@@ -2,7 +2,6 @@
 // Prints encoding and decoding speed, size by attribute and error of both profiles, and the coders
 // by attribute, as JSON.
 //   bench_codec [SCENE.stgs | PRIMITIVES [SH_DEGREE]]
-#include <tbb/global_control.h>
 
 #include <algorithm>
 #include <charconv>
@@ -10,6 +9,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <ctime>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <string_view>
 
@@ -17,6 +17,7 @@
 #include "coder_table.h"
 #include "recycling_memory.h"
 #include "stgs/format/raster.h"
+#include "stgs/format/thread_pool.h"
 
 using namespace stgs;
 
@@ -135,8 +136,9 @@ int main(int argc, char** argv) {
   }
   nlohmann::json out;
   for (int threads : {1, 0}) {
-    std::optional<tbb::global_control> control;
-    if (threads == 1) control.emplace(tbb::global_control::max_allowed_parallelism, 1);
+    const std::unique_ptr<ThreadPool> pool =
+        threads == 1 ? std::make_unique<ThreadPool>(1) : nullptr;
+    const ScopedTaskRunner use(pool.get());
     nlohmann::json& row = out[threads == 1 ? "one_thread" : "all_threads"];
     row["lossless"] = measure(scene, {});
     for (int quality : {60, 85, 87, 95}) {

@@ -2,7 +2,6 @@
 // Prints the speed of the rANS coder on one thread, by size and entropy, as JSON: millions of
 // symbols per second of a group of 8 planes, encoded, and decoded with each instruction set of the
 // CPU.
-#include <tbb/global_control.h>
 
 #include <algorithm>
 #include <cmath>
@@ -10,6 +9,7 @@
 #include <nlohmann/json.hpp>
 #include <random>
 
+#include "../fixtures/loop_threads.h"
 #include "codec/rans.h"
 #include "min_time.h"
 #include "vector_targets.h"
@@ -82,7 +82,7 @@ nlohmann::json measure(std::size_t n, double entropy) {
 }  // namespace
 
 int main() {
-  const tbb::global_control one_thread(tbb::global_control::max_allowed_parallelism, 1);
+  const testing::LoopThreads one_thread(1);
   nlohmann::json out = nlohmann::json::array();
   for (const std::size_t n : {500u, 1000u, 2000u, 30000u, 1000000u})
     for (const double entropy : {0.5, 2.0, 4.0, 7.0}) out.push_back(measure(n, entropy));

@@ -4,7 +4,6 @@
 // repetitions. The CPU time hardly depends on other programs.
 //
 // usage: bench_raster [REPETITIONS [THREADS]]
-#include <tbb/global_control.h>
 
 #include <algorithm>
 #include <chrono>
@@ -13,6 +12,7 @@
 #include <ctime>
 #include <vector>
 
+#include "../fixtures/loop_threads.h"
 #include "backend/cpu/blend_backward.h"
 #include "backend/cpu/project_backward.h"
 #include "raster_scene.h"
@@ -114,8 +114,7 @@ void measure(const Row& row, int repetitions, bool first) {
 int main(int argc, char** argv) {
   const int repetitions = argc > 1 ? std::max(1, std::atoi(argv[1])) : 15;
   const int threads = argc > 2 ? std::max(1, std::atoi(argv[2])) : 2;
-  tbb::global_control limit(tbb::global_control::max_allowed_parallelism,
-                            static_cast<std::size_t>(threads));
+  const testing::LoopThreads limit(threads);
   std::printf("{\"target\": \"%s\", \"threads\": %d, \"repetitions\": %d, \"runs\": [",
               vector_target().c_str(), threads, repetitions);
   bool first = true;

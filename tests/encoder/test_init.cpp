@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "fixtures/loop_threads.h"
 #include "init/init.h"
 #include "stgs/encoder/capture_folder.h"
-
-#include <tbb/global_control.h>
 
 #include <fstream>
 #include <sstream>
@@ -132,7 +131,7 @@ TEST_CASE("held-out cameras are never read, and the number of threads does not c
     }
   }
   REQUIRE(run(a).ok());
-  const tbb::global_control one_thread(tbb::global_control::max_allowed_parallelism, 1);
+  const testing::LoopThreads one_thread(1);
   REQUIRE(run(b).ok());
   CHECK(result_of(a) == result_of(b));
   for (const Camera& camera : a.cameras) {

@@ -2,9 +2,9 @@
 // Training of the synthetic capture: quality, evaluation, determinism, ablations and errors.
 #include <filesystem>
 
-#include <tbb/global_control.h>
 #include "../kernels/thread_ranks.h"
 #include "catch.h"
+#include "fixtures/loop_threads.h"
 #include "fixtures/synthetic_capture.h"
 #include "fixtures/train_run.h"
 #include "stgs/encoder/pack.h"
@@ -176,7 +176,7 @@ TEST_CASE("the number of threads does not change the result") {
   const SyntheticCapture synthetic;
   const TrainSettings settings = short_run(60);
   const Result<Scene> multi_threaded = run(synthetic, settings);
-  const tbb::global_control one(tbb::global_control::max_allowed_parallelism, 1);
+  const testing::LoopThreads one(1);
   const Result<Scene> single_threaded = run(synthetic, settings);
   REQUIRE(multi_threaded.ok());
   REQUIRE(single_threaded.ok());

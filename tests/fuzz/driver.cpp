@@ -9,7 +9,6 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
-#include <tbb/global_control.h>
 #include <algorithm>
 #include <chrono>
 #include <csignal>
@@ -21,6 +20,7 @@
 
 #include "heap.h"
 #include "mutator.h"
+#include "two_cores.h"
 
 using namespace stgs::fuzz;
 
@@ -185,8 +185,7 @@ int main(int argc, char** argv) {
     std::printf("%s: no device\n", kTarget.name);
     return kSkipped;
   }
-  // Each thread takes address space; two are enough to provoke races.
-  const tbb::global_control threads(tbb::global_control::max_allowed_parallelism, 2);
+  use_two_cores();
   if (kLimitAddressSpace && kTarget.has_device == nullptr) {  // drivers reserve much of it
     const rlimit limit{kAddressSpace, kAddressSpace};
     setrlimit(RLIMIT_AS, &limit);

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Connects a target to libFuzzer or another engine with its interface: the heap limit of each
 // input, and the structure-aware mutator besides that of the engine.
-#include <tbb/global_control.h>
 #include <algorithm>
 
 #include "heap.h"
 #include "mutator.h"
+#include "two_cores.h"
 
 using namespace stgs::fuzz;
 
@@ -16,8 +16,8 @@ extern "C" int __real_LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size
 
 // The linker makes the engine call this function (--wrap).
 extern "C" int __wrap_LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-  // As in the plain driver: two threads are enough to provoke races.
-  static const tbb::global_control threads(tbb::global_control::max_allowed_parallelism, 2);
+  static const bool restricted = (use_two_cores(), true);  // as in the plain driver
+  (void)restricted;
   limit_heap(kTarget.max_memory({data, size}));
   const int result = __real_LLVMFuzzerTestOneInput(data, size);
   unlimit_heap();

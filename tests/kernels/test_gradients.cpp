@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Compares the gradient of every parameter with central differences through the reference renderer.
-#include <tbb/global_control.h>
 
 #include <algorithm>
 #include <cmath>
@@ -13,6 +12,7 @@
 #include "backend/cpu/project_backward.h"
 #include "catch.h"
 #include "finite_differences.h"
+#include "fixtures/loop_threads.h"
 #include "raster_scene.h"
 #include "stgs/format/math/lifespan.h"
 #include "vector_targets.h"
@@ -225,8 +225,8 @@ TEST_CASE("one thread and two give bit-identical gradients") {
     settings.scalar = scalar;
     std::vector<SplatGradients> splats[2];
     PrimitiveGradients gradients[2];
-    for (std::size_t threads : {1, 2}) {
-      tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+    for (int threads : {1, 2}) {
+      const testing::LoopThreads limit(threads);
       SplatFrame frame;
       RasterOutput output;
       BlendBackwardScratch scratch;

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <tbb/global_control.h>
 
 #include <algorithm>
 #include <cmath>
 #include <random>
 
 #include "catch.h"
+#include "fixtures/loop_threads.h"
 #include "train/image_loss.h"
 #include "vector_targets.h"
 
@@ -149,8 +149,8 @@ TEST_CASE("equal images have no loss, and the number of threads changes no bit o
   ImageLoss loss;
   Image gradient[2], error[2];
   ImageLossValue value[2];
-  for (std::size_t threads : {1, 2}) {
-    tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+  for (int threads : {1, 2}) {
+    const testing::LoopThreads limit(threads);
     value[threads - 1] = loss.evaluate(pair.rendered, pair.ground_truth, {}, gradient[threads - 1],
                                        error[threads - 1]);
   }

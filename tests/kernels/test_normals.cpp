@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // L_n: where it is 0, and its gradients against central differences through the reference renderer.
-#include <tbb/global_control.h>
 
 #include <algorithm>
 #include <cmath>
@@ -11,6 +10,7 @@
 #include "backend/cpu/surface.h"
 #include "catch.h"
 #include "finite_differences.h"
+#include "fixtures/loop_threads.h"
 #include "math/grad.h"
 #include "raster_scene.h"
 #include "train/normal_loss.h"
@@ -249,8 +249,8 @@ TEST_CASE("the backward pass of planes on every vector target matches the scalar
 TEST_CASE("one thread and two give bit-identical values and gradients of L_n") {
   cpu::PrimitiveGradients gradients[2];
   double losses[2];
-  for (std::size_t threads : {1, 2}) {
-    tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+  for (int threads : {1, 2}) {
+    const testing::LoopThreads limit(threads);
     Problem p;
     p.camera = testing::scene_camera(320, 180);
     p.ground_truth = testing::random_ground_truth(320, 180, 3);

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <tbb/global_control.h>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 
 #include "catch.h"
+#include "fixtures/loop_threads.h"
 #include "perceptual/perceptual_loss.h"
 #include "vector_targets.h"
 #include "vgg_fixture.h"
@@ -202,8 +202,8 @@ TEST_CASE(
   testing::for_each_vector_target([&] {
     Image gradient[2] = {zeros(50, 37), zeros(50, 37)};
     double values[2];
-    for (std::size_t threads : {1, 2}) {
-      tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+    for (int threads : {1, 2}) {
+      const testing::LoopThreads limit(threads);
       values[threads - 1] =
           loss.evaluate(pair.rendered, pair.ground_truth, pair.full(), 1.0f, gradient[threads - 1]);
     }

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <sys/resource.h>
-#include <tbb/global_control.h>
 
 #include <algorithm>
 #include <cmath>
@@ -12,6 +11,7 @@
 #include <string>
 
 #include "catch.h"
+#include "fixtures/loop_threads.h"
 #include "raster_scene.h"
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/fovea.h"
@@ -307,8 +307,8 @@ TEST_CASE("one thread and two render the same bits") {
   for (bool scalar : {true, false}) {
     SplatFrame frame[2];
     RasterOutput output[2];
-    for (std::size_t threads : {1, 2}) {
-      tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+    for (int threads : {1, 2}) {
+      const testing::LoopThreads limit(threads);
       render(set, 10.0f, camera, settings_of(scalar), frame[threads - 1], output[threads - 1]);
     }
     CHECK(frame[0].instances == frame[1].instances);

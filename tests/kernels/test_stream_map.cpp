@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Decoded floats do not depend on the vector target or the number of threads.
-#include <tbb/global_control.h>
 
 #include <span>
 
 #include "catch.h"
+#include "fixtures/loop_threads.h"
 #include "fixtures/scene_fixture.h"
 #include "vector_targets.h"
 
@@ -75,6 +75,6 @@ TEST_CASE("a segment that several threads decode in chunks round-trips") {
   CHECK(colour < 0.2);
   CHECK(speed < 0.02);
   const auto all = fingerprints(got);
-  const tbb::global_control one(tbb::global_control::max_allowed_parallelism, 1);
+  const testing::LoopThreads one(1);
   CHECK(decoded(*bytes) == all);
 }

@@ -18,7 +18,7 @@ bool is_ok_or_out_of_memory(stgs_result result) {
   return result == STGS_OK || result == STGS_ERROR_OUT_OF_MEMORY;
 }
 
-// Renders a clip. Also initialises TBB, which would hang if an allocation failed while it starts.
+// Renders a clip.
 std::vector<std::uint8_t> image_of(const std::vector<std::uint8_t>& file) {
   return render_rgba8(cpu_renderer().get(), open_scene(file).get(), kTime, small_view());
 }

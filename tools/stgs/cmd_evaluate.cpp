@@ -175,41 +175,44 @@ class Evaluate final : public Command {
     return {};
   }
 
-  // Renders one frame after the other, each with all threads, while earlier ones are scored. Holds
-  // at most one frame per thread.
+  // Renders a few frames one after the other, each with all threads; then scores all of them at
+  // once. Holds at most one frame per thread.
   Status measure(Session& session, player::Timeline& timeline, player::Renderer& renderer) {
     const auto frames = static_cast<std::size_t>((capture_.frames + every_ - 1) / every_);
     const std::size_t total = frames * cameras_.size();
+    const auto at_once = static_cast<std::size_t>(concurrency());
     scores_.assign(cameras_.size(), std::vector<Scores>(frames));
-    std::size_t next = 0;
-    Status rendering;
-    std::vector<Status> scoring(total);
-    const auto render = [&]() -> std::optional<Job> {
-      if (next == total || !rendering.ok()) return std::nullopt;
-      Job job;
-      // All cameras of a frame together, so that its segments are decoded once.
-      job.camera = next % cameras_.size();
-      job.frame = static_cast<int>(next / cameras_.size()) * every_;
-      ++next;
-      rendering = render_job(timeline, renderer, job);
-      if (rendering.ok() && !session.progress("evaluate", next, total)) {
-        rendering = runtime_error("the evaluation is not complete");
+    std::vector<Job> jobs;
+    for (std::size_t next = 0; next < total;) {
+      jobs.clear();
+      while (jobs.size() < at_once && next < total) {
+        // All cameras of a frame together, so that its segments are decoded once.
+        Job& job = jobs.emplace_back();
+        job.camera = next % cameras_.size();
+        job.frame = static_cast<int>(next / cameras_.size()) * every_;
+        ++next;
+        STGS_TRY(render_job(timeline, renderer, job));
+        if (!session.progress("evaluate", next, total)) {
+          return runtime_error("the evaluation is not complete");
+        }
       }
-      return job;
-    };
-    const auto compare = [&](const Job& job) {
-      if (job.image.data.empty()) return;
-      const auto frame = static_cast<std::size_t>(job.frame / every_);
+      STGS_TRY(score_jobs(jobs));
+    }
+    return {};
+  }
+
+  // Returns the error of the first job that has one.
+  Status score_jobs(const std::vector<Job>& jobs) {
+    std::vector<Status> scoring(jobs.size());
+    parallel_for(std::size_t{0}, jobs.size(), [&](std::size_t i) {
+      const Job& job = jobs[i];
       auto result =
           score(job.image, capture_, cameras_[job.camera], job.frame, backgrounds_[job.camera]);
+      scoring[i] = result.status();
       if (result.ok()) {
-        scores_[job.camera][frame] = *result;
-      } else {
-        scoring[frame * cameras_.size() + job.camera] = result.status();
+        scores_[job.camera][static_cast<std::size_t>(job.frame / every_)] = *result;
       }
-    };
-    parallel_jobs<Job>(concurrency() + 1, render, compare);
-    STGS_TRY(rendering);
+    });
     for (const Status& status : scoring) STGS_TRY(status);
     return {};
   }

@@ -1,17 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "opencv_module.h"
 
-#include <opencv2/core/utility.hpp>
 #include <opencv2/core/utils/logger.hpp>
 
 #include "mp4.h"
 #include "stgs/format/temporary.h"
+#include "stgs/format/thread_pool.h"
 
 namespace stgs::tools {
 namespace {
 
 void set_up(int threads, bool quiet) {
-  if (threads > 0) cv::setNumThreads(threads);
+  if (threads > 0) default_threads().set_threads(threads);
   if (quiet) cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
 }
 

@@ -2,7 +2,6 @@
 #include "session.h"
 
 #include <sys/resource.h>
-#include <tbb/global_control.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -22,6 +21,7 @@
 #include "standard_streams.h"
 #include "stgs/format/parallel.h"
 #include "stgs/format/temporary.h"
+#include "stgs/format/thread_pool.h"
 
 namespace stgs::tools {
 namespace {
@@ -70,13 +70,8 @@ std::string json_text(const Json& json, int indent) {
 }
 
 Status Session::start() {
-  if (options.threads > 0) limit_threads(options.threads);
+  if (options.threads > 0) default_threads().set_threads(options.threads);
   return {};
-}
-
-void Session::limit_threads(int threads) {
-  thread_limit_ = std::make_shared<tbb::global_control>(
-      tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(threads));
 }
 
 Status Session::join_world() {
@@ -85,7 +80,7 @@ Status Session::join_world() {
   if (world_ != nullptr && options.threads == 0) {
     // Processes without a core binding of their own share the cores of the machine.
     const auto cores = static_cast<int>(sysconf(_SC_NPROCESSORS_ONLN));
-    limit_threads(std::clamp(cores / world_->node_size(), 1, concurrency()));
+    default_threads().set_threads(std::clamp(cores / world_->node_size(), 1, concurrency()));
   }
   return {};
 }

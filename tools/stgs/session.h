@@ -87,7 +87,6 @@ class Session {
   std::stop_token stop_token();
 
  private:
-  void limit_threads(int threads);
   void show(const encoder::Progress& progress);
   void clear_bar();
 
@@ -95,7 +94,6 @@ class Session {
   std::vector<std::shared_ptr<OutputLock>> claimed_;
   std::mutex stderr_mutex_;  // guards standard error and the state of the progress bar
   bool silent_ = false;
-  std::shared_ptr<void> thread_limit_;
   bool bar_shown_ = false;
   double last_shown_ = -1;  // seconds of the monotonic clock
   std::string last_stage_;

@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include <filesystem>
+#include <opencv2/core/utility.hpp>
 #include <utility>
 #include <vector>
 
@@ -103,6 +104,18 @@ Status prepare_into(const std::string& capture, const std::string& folder,
   return write_prepared_capture(prepared);
 }
 
+// OpenCV runs on the threads that call it: the loops around its calls already use all threads.
+class SerialOpenCv {
+ public:
+  SerialOpenCv() : before_(cv::getNumThreads()) { cv::setNumThreads(1); }
+  ~SerialOpenCv() { cv::setNumThreads(before_); }
+  SerialOpenCv(const SerialOpenCv&) = delete;
+  SerialOpenCv& operator=(const SerialOpenCv&) = delete;
+
+ private:
+  const int before_;
+};
+
 }  // namespace
 
 Status prepare(const std::string& capture, const std::string& folder,
@@ -110,6 +123,7 @@ Status prepare(const std::string& capture, const std::string& folder,
   STGS_TRY(check(settings));
   const LogSink log_or_none = log ? log : [](int, const std::string&) {};
   try {
+    const SerialOpenCv serial;
     const std::string target = (fs::path(folder) / "").parent_path().string();
     STGS_TRY(check_target(capture, target, settings.overwrite));
     const Parents parents(target);

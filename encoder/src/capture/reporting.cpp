@@ -5,19 +5,23 @@
 #include <chrono>
 #include <future>
 
+#include "stgs/format/task_runner.h"
+
 namespace stgs::encoder {
 
 Status run_reporting(const std::string& stage, std::uint64_t total, const ProgressSink& progress,
                      const std::function<Status(Counter&)>& work) {
   using Clock = std::chrono::steady_clock;
   Counter counter;
-  std::future<Status> result = std::async(std::launch::async, [&]() -> Status {
-    try {
-      return work(counter);
-    } catch (const std::exception& error) {
-      return runtime_error("{}: {}", stage, error.what());
-    }
-  });
+  std::future<Status> result =
+      std::async(std::launch::async, [&, runner = task_runner()]() -> Status {
+        const ScopedTaskRunner use(runner);
+        try {
+          return work(counter);
+        } catch (const std::exception& error) {
+          return runtime_error("{}: {}", stage, error.what());
+        }
+      });
   const auto start = Clock::now();
   const auto report = [&] {
     const double share =

@@ -19,7 +19,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kFramesInFlight = 4;  // per camera
+constexpr std::size_t kFramesAtOnce = 4;  // per camera
 
 // Keeps the error of the lowest camera, then frame, and stops the workers. Thread-safe.
 class FirstError {
@@ -163,8 +163,8 @@ struct Step {
   cv::Mat decoded;
 };
 
-// Writes all frames of a camera. A video is decoded in order while other threads undistort, encode
-// and write the decoded frames.
+// Writes all frames of a camera. A few frames of a video are decoded in order; then all threads
+// undistort, encode and write them.
 void write_camera(const CameraJob& job, std::size_t index, Counter& counter, FirstError& error) {
   std::unique_ptr<VideoReader> video;
   if (!job.source.video.empty()) {
@@ -194,7 +194,16 @@ void write_camera(const CameraJob& job, std::size_t index, Counter& counter, Fir
     if (!status.ok()) error.set(std::move(status), index, step.frame);
     ++counter.done;
   };
-  parallel_jobs<Step>(kFramesInFlight, read, write);
+  std::vector<Step> steps;
+  do {
+    steps.clear();
+    while (steps.size() < kFramesAtOnce) {
+      std::optional<Step> step = read();
+      if (!step) break;
+      steps.push_back(std::move(*step));
+    }
+    parallel_for(std::size_t{0}, steps.size(), [&](std::size_t i) { write(steps[i]); });
+  } while (!steps.empty());
 }
 
 }  // namespace

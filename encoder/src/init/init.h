@@ -34,7 +34,7 @@ struct InitSettings {
 // Computes the initial points of `capture`. Reads frames/ and existing masks/ of the training
 // cameras; test cameras are never read. Writes the missing masks, points_static.ply,
 // points_dynamic.ply and report/. Sets near_plane, extent, scene_centre and scene_radius; the
-// caller writes capture.json. Runs on TBB's threads; the result does not depend on their number. A
+// caller writes capture.json. Runs on all threads; the result does not depend on their number. A
 // capture without motion gets no dynamic points. Errors: an unreadable frame (with camera and
 // frame), an unwritable folder, a cancelled run (kRuntime).
 Status initialise(PreparedCapture& capture, const InitSettings& settings,

@@ -24,7 +24,7 @@ class Work {
   // Starts a stage, which lasts until the next call. `passes` is the number of calls of for_each
   // and wait_for in the stage; each is an equal part of its progress.
   void stage(const std::string& name, int passes = 1);
-  // Runs task(i) for i in [0, count) on TBB's threads and reports progress on the calling thread.
+  // Runs task(i) for i in [0, count) on all threads and reports progress on the calling thread.
   // Returns the error of the lowest index. Exceptions become errors. Cancelling skips the tasks
   // that have not started.
   Status for_each(int count, const std::function<Status(int)>& task);

@@ -78,11 +78,11 @@ class SegmentDecoder {
   const std::shared_ptr<std::pmr::memory_resource> memory_;
 };
 
-// Decodes on threads of its own, which share loops with a TaskRunner or with TBB. The destructor
-// waits for the jobs that are running.
+// Decodes on threads of its own, which share loops with those of a TaskRunner or with
+// default_threads(). The destructor waits for the jobs that are running.
 class CpuExecutor final : public DecodeExecutor {
  public:
-  // `runner` outlives this object; null: TBB.
+  // `runner` outlives this object; null: default_threads().
   CpuExecutor(SegmentDecoder decoder, TaskRunner* runner)
       : decoder_(std::move(decoder)), runner_(runner) {}
   ~CpuExecutor() override;

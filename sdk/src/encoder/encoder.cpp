@@ -1,11 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "encoder/encoder.h"
 
-#include <tbb/global_control.h>
-#include <tbb/task_arena.h>
-
 #include <algorithm>
-#include <optional>
 
 namespace stgs::sdk {
 namespace {
@@ -65,15 +61,12 @@ stgs_encoder_settings default_encoder_settings() {
 
 }  // namespace
 
-void run_with_threads(std::uint32_t threads, const std::function<void()>& work) {
-  if (threads == 0) {
-    work();
-  } else {
-    tbb::task_arena(static_cast<int>(threads)).execute(work);
-  }
+std::unique_ptr<TaskRunner> make_threads(std::uint32_t threads) {
+  if (threads == 0) return nullptr;
+  return std::make_unique<ThreadPool>(static_cast<int>(threads));
 }
 
-Outcome run_work(stgs_encoder& encoder, ThreadLimit limit, const EncoderWork& work) {
+Outcome run_work(stgs_encoder& encoder, const EncoderWork& work) {
   if (encoder.cancelled) {
     return {STGS_ERROR_CANCELLED, "the encoder was cancelled; create another encoder"};
   }
@@ -87,15 +80,9 @@ Outcome run_work(stgs_encoder& encoder, ThreadLimit limit, const EncoderWork& wo
     constexpr int kDebug = 3;
     if (level < kDebug) caller_log(level_of(level), line);
   };
-  Outcome outcome;
-  const auto run = [&] { outcome = work(progress, log); };
-  if (limit == ThreadLimit::kProcess && settings.threads > 0) {
-    const tbb::global_control limit_threads(tbb::global_control::max_allowed_parallelism,
-                                            settings.threads);
-    run();
-  } else {
-    run_with_threads(settings.threads, run);
-  }
+  if (encoder.threads == nullptr) encoder.threads = make_threads(settings.threads);
+  const ScopedTaskRunner use(encoder.threads.get());
+  Outcome outcome = work(progress, log);
   const bool was_cancelled = reporter.cancelled() && outcome.result == STGS_ERROR_RUNTIME;
   if (was_cancelled) outcome.result = STGS_ERROR_CANCELLED;
   return outcome;

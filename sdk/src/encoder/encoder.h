@@ -4,17 +4,20 @@
 
 #include <atomic>
 #include <functional>
+#include <memory>
 #include <string>
 
 #include "object.h"
 #include "stgs/encoder/progress.h"
 #include "stgs/format/parameter.h"
+#include "stgs/format/thread_pool.h"
 #include "stgs/stgs_encoder.h"
 #include "structs.h"
 
 struct stgs_encoder {
   stgs::sdk::LastError error;
   stgs_encoder_settings settings{};
+  std::unique_ptr<stgs::TaskRunner> threads;  // of the settings, from the first call on
   std::atomic<bool> cancelled{false};
   static_assert(std::atomic<bool>::is_always_lock_free, "signal handlers set it");
 };
@@ -23,17 +26,14 @@ namespace stgs::sdk {
 
 inline constexpr std::uint32_t kMaxThreads = 1024;
 
-// Runs `work` on at most `threads` threads; 0: all cores.
-void run_with_threads(std::uint32_t threads, const std::function<void()>& work);
-
-// Scope of the thread limit: this work, or the whole process.
-enum class ThreadLimit { kWork, kProcess };
+// Returns at most `threads` threads for loops; null for 0: all cores.
+std::unique_ptr<TaskRunner> make_threads(std::uint32_t threads);
 
 // Runs `work` with the threads, progress and log of an encoder. Returns STGS_ERROR_CANCELLED if it
 // failed because it was cancelled.
 using EncoderWork =
     std::function<Outcome(const encoder::ProgressSink& progress, const encoder::LogSink& log)>;
-Outcome run_work(stgs_encoder& encoder, ThreadLimit limit, const EncoderWork& work);
+Outcome run_work(stgs_encoder& encoder, const EncoderWork& work);
 
 // Returns STGS_ERROR_ARGUMENT, naming the field and its range, unless the value is in [min, max].
 Outcome check_range(const char* field, double value, double min, double max);

@@ -123,7 +123,7 @@ stgs_result stgs_encoder_pack(stgs_encoder* encoder, const char* const* scenes, 
     STGS_SDK_TRY(copy_in_settings(settings, known));
     STGS_SDK_TRY(check(known));
     stgs::encoder::PackReport packed;
-    STGS_SDK_TRY(run_work(*encoder, ThreadLimit::kWork, [&](const auto& progress, const auto& log) {
+    STGS_SDK_TRY(run_work(*encoder, [&](const auto& progress, const auto& log) {
       return pack(known_scenes, output, known, progress, log, packed);
     }));
     if (report != nullptr) to_c(packed, report);

@@ -125,10 +125,9 @@ stgs_result stgs_encoder_prepare(stgs_encoder* encoder, const char* capture, con
     stgs_prepare_settings known = default_prepare_settings();
     STGS_SDK_TRY(copy_in_settings(settings, known));
     STGS_SDK_TRY(check(known));
-    STGS_SDK_TRY(
-        run_work(*encoder, ThreadLimit::kProcess, [&](const auto& progress, const auto& log) {
-          return prepare(capture, prepared, known, progress, log);
-        }));
+    STGS_SDK_TRY(run_work(*encoder, [&](const auto& progress, const auto& log) {
+      return prepare(capture, prepared, known, progress, log);
+    }));
     return report == nullptr ? Outcome() : to_c(prepared, report);
   });
 }

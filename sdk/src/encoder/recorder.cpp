@@ -12,7 +12,7 @@
 struct stgs_recorder {
   stgs::sdk::LastError error;
   std::unique_ptr<stgs::SceneRecorder> recorder;  // null: not begun
-  std::uint32_t threads = 0;
+  std::unique_ptr<stgs::TaskRunner> threads;      // null: all cores
 
   stgs::sdk::Outcome check_recording() const {
     if (recorder == nullptr) {
@@ -225,12 +225,8 @@ Outcome append(stgs_recorder& to, const stgs_fragment& fragment) {
   std::span<const float> importance;
   if (fragment.importance != nullptr) importance = {fragment.importance, set.size()};
   const std::uint32_t begin = recorder.frames();
-  Outcome outcome;
-  run_with_threads(to.threads, [&] {
-    outcome =
-        recorder.append(set, begin + fragment.frames, importance, begin + fragment.visible_frames);
-  });
-  return outcome;
+  const ScopedTaskRunner use(to.threads.get());
+  return recorder.append(set, begin + fragment.frames, importance, begin + fragment.visible_frames);
 }
 
 }  // namespace
@@ -268,11 +264,11 @@ stgs_result stgs_recorder_begin(stgs_recorder* recorder, const char* path,
     STGS_SDK_TRY(copy_in_path_and_settings(*recorder, path, settings, known));
     stgs::SceneMetadata metadata;
     STGS_SDK_TRY(copy_in_metadata(known, metadata));
+    recorder->threads = make_threads(known.threads);
     auto created =
         stgs::SceneRecorder::create(path, metadata, known.sh_degree, recording_of(known));
     if (!created.ok()) return created.status();
     recorder->recorder = std::move(created).value();
-    recorder->threads = known.threads;
     return {};
   });
 }
@@ -283,10 +279,10 @@ stgs_result stgs_recorder_resume(stgs_recorder* recorder, const char* path,
   return guarded(recorder, [&]() -> Outcome {
     stgs_record_settings known = default_record_settings();
     STGS_SDK_TRY(copy_in_path_and_settings(*recorder, path, settings, known));
+    recorder->threads = make_threads(known.threads);
     auto created = stgs::SceneRecorder::resume(path, recording_of(known));
     if (!created.ok()) return created.status();
     recorder->recorder = std::move(created).value();
-    recorder->threads = known.threads;
     return {};
   });
 }

@@ -143,7 +143,7 @@ stgs_result stgs_encoder_train(stgs_encoder* encoder, const char* prepared, cons
     STGS_SDK_TRY(copy_in_settings(settings, known));
     STGS_SDK_TRY(check(known));
     stgs::encoder::TrainReport trained;
-    STGS_SDK_TRY(run_work(*encoder, ThreadLimit::kWork, [&](const auto& progress, const auto& log) {
+    STGS_SDK_TRY(run_work(*encoder, [&](const auto& progress, const auto& log) {
       return train(prepared, scene, known, progress, log, trained);
     }));
     return report == nullptr ? Outcome() : to_c(trained, scene, report);
@@ -157,7 +157,7 @@ stgs_result stgs_encoder_check_training(stgs_encoder* encoder,
     stgs_train_settings known = default_train_settings();
     STGS_SDK_TRY(copy_in_settings(settings, known));
     STGS_SDK_TRY(check(known));
-    return run_work(*encoder, ThreadLimit::kWork, [&](const auto&, const auto&) {
+    return run_work(*encoder, [&](const auto&, const auto&) {
       return stgs::encoder::check_training(training_of(known), nullptr);
     });
   });

@@ -25,7 +25,6 @@ build_library() {
 
 build_libraries() {
   (cd "$SRC/zlib" && ./configure --static --prefix="$prefix" && make -j "$jobs" install)
-  build_library oneTBB -DTBB_TEST=OFF -DTBB_STRICT=OFF -DTBBMALLOC_BUILD=OFF
   build_library fmt -DFMT_TEST=OFF -DFMT_DOC=OFF
   build_library highway -DHWY_ENABLE_TESTS=OFF -DHWY_ENABLE_EXAMPLES=OFF -DHWY_ENABLE_CONTRIB=OFF
   build_library libdeflate -DLIBDEFLATE_BUILD_SHARED_LIB=OFF -DLIBDEFLATE_BUILD_GZIP=OFF

@@ -29,7 +29,7 @@ struct SegmentDamage {
 };
 
 // Decodes the segments that are active at a time and caches them within a memory budget, evicting
-// the least recently used first. Not thread-safe; decodes missing segments in parallel (TBB).
+// the least recently used first. Not thread-safe; decodes missing segments in parallel.
 //
 // If a player follows a growing recording (player.h), everything here is as of the last at() or
 // visible_segments(), which invalidates earlier results.

@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <sched.h>
+
+namespace stgs::fuzz {
+
+// Restricts this thread, and threads that it starts later, to two cores. Libraries then start only
+// two threads for loops, which is enough to provoke races; each takes address space.
+inline void use_two_cores() {
+  cpu_set_t usable;
+  if (sched_getaffinity(0, sizeof usable, &usable) != 0) return;  // more than 1024 cores
+  for (int core = 0, kept = 0; core < CPU_SETSIZE; ++core) {
+    if (CPU_ISSET(core, &usable) && ++kept > 2) CPU_CLR(core, &usable);
+  }
+  (void)sched_setaffinity(0, sizeof usable, &usable);
+}
+
+}  // namespace stgs::fuzz
