@@ -4,6 +4,7 @@
 #include <array>
 #include <atomic>
 #include <chrono>
+#include <ctime>
 #include <stdexcept>
 #include <thread>
 #include <vector>
@@ -16,10 +17,10 @@ using namespace stgs;
 
 namespace {
 
-// Counts how many threads are within a place at once, and lets them wait for each other there.
+// Counts the threads that are inside at the same time, and lets them wait for each other.
 class Crowd {
  public:
-  // Counts the calling thread, and waits until `expected` threads have been counted together, at
+  // Counts the calling thread, and waits until `expected` threads were inside at the same time, at
   // most a minute.
   void visit(int expected) {
     const int now = ++inside_;
@@ -28,7 +29,7 @@ class Crowd {
     }
     const auto end = std::chrono::steady_clock::now() + std::chrono::minutes(1);
     while (most_ < expected && std::chrono::steady_clock::now() < end) std::this_thread::yield();
-    std::this_thread::sleep_for(kStep);  // others may come, who should not
+    std::this_thread::sleep_for(kStep);  // gives excess threads the time to enter
     --inside_;
   }
   int most() const { return most_; }
@@ -38,7 +39,7 @@ class Crowd {
   std::atomic<int> inside_{0}, most_{0};
 };
 
-// Returns how many threads worked at once on a loop that `expected` threads can work on.
+// Returns the number of threads that worked on a loop at the same time, once `expected` have.
 int most_threads(int expected) {
   Crowd crowd;
   parallel_for(0, 24, [&](int) { crowd.visit(expected); });
@@ -82,7 +83,7 @@ TEST_CASE("nested loops and loops of several threads share the threads of one po
   CHECK(crowd.most() <= 3 + 3);  // the callers, and the threads of the pool
 }
 
-TEST_CASE("a pool survives many short loops") {
+TEST_CASE("many short loops visit every index") {
   ThreadPool pool(8);
   const ScopedTaskRunner use(&pool);
   std::atomic<int> visits = 0;
@@ -90,6 +91,24 @@ TEST_CASE("a pool survives many short loops") {
   int expected = 0;
   for (int i = 0; i < 20000; ++i) expected += 1 + i % 9;
   CHECK(visits == expected);
+}
+
+TEST_CASE("the threads of a pool sleep when no loop is running") {
+  ThreadPool pool(4);
+  std::atomic<int> visits = 0;
+  const auto run_loops = [&] {
+    const ScopedTaskRunner use(&pool);
+    for (int i = 0; i < 2000; ++i) parallel_for(0, 2, [&](int) { ++visits; });
+  };
+  std::array<std::thread, 3> callers;
+  for (std::thread& caller : callers) caller = std::thread(run_loops);
+  for (std::thread& caller : callers) caller.join();
+  CHECK(visits == 3 * 2000 * 2);
+  constexpr std::chrono::milliseconds kPause(200);
+  std::this_thread::sleep_for(kPause / 10);
+  const std::clock_t before = std::clock();  // CPU time of the process
+  std::this_thread::sleep_for(kPause);
+  CHECK(1000.0 * static_cast<double>(std::clock() - before) / CLOCKS_PER_SEC < kPause.count() / 2);
 }
 
 TEST_CASE("an exception ends a loop, and its pool can be used again") {
@@ -109,7 +128,8 @@ TEST_CASE("an exception ends a loop, and its pool can be used again") {
   CHECK(visits == 100);
 }
 
-TEST_CASE("a pool changes its size between loops and works without threads when stopped") {
+TEST_CASE(
+    "a pool can be resized between loops, and a stopped pool runs loops on their calling thread") {
   ThreadPool pool(1);
   const ScopedTaskRunner use(&pool);
   CHECK(most_threads(1) == 1);

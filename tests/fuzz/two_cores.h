@@ -5,8 +5,8 @@
 
 namespace stgs::fuzz {
 
-// Restricts this thread, and threads that it starts later, to two cores. Libraries then start only
-// two threads for loops, which is enough to provoke races; each takes address space.
+// Restricts this thread, and the threads that it starts later, to two cores, so that thread pools
+// have two threads: more would take address space, and two are enough to provoke races.
 inline void use_two_cores() {
   cpu_set_t usable;
   if (sched_getaffinity(0, sizeof usable, &usable) != 0) return;  // more than 1024 cores

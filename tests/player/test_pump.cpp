@@ -147,7 +147,7 @@ void check_complete_playback(const Bytes& bytes, double seconds) {
   auto reader = SceneReader::open(memory_source(bytes));
   REQUIRE(reader.ok());
   const auto file = Timeline::from_reader(std::move(*reader));
-  (void)active_fingerprints(*file, 0);  // starts the threads of loops
+  (void)active_fingerprints(*file, 0);  // starts the thread pool
   const std::ptrdiff_t threads = count_threads();
   Pumped p(bytes);
   p.player->play();

@@ -245,25 +245,25 @@ TEST_CASE("cancelled packing leaves the existing output", "[sdk]") {
   CHECK(info.metres_per_unit == 0.5f);
 }
 
-// Returns how many threads of this process run loops for others.
-int loop_threads() {
+// Returns the number of threads in the thread pools of this process.
+int pool_threads() {
   int count = 0;
   for (const auto& task : std::filesystem::directory_iterator("/proc/self/task")) {
     std::string name;
     std::getline(std::ifstream(task.path() / "comm"), name);
-    count += name == "stgs loops" ? 1 : 0;
+    count += name == "stgs-pool" ? 1 : 0;
   }
   return count;
 }
 
 TEST_CASE("an encoder limits its threads", "[sdk]") {
   const PreparedCapture prepared;
-  const int before = loop_threads();
+  const int before = pool_threads();
   const auto most_threads = [before](std::uint32_t limit, const auto& call) {
     int threads = 0;
     ObservedEncoder encoder(limit);
     encoder.should_cancel = [&](const stgs_encoder_progress&) {
-      threads = std::max(threads, 1 + loop_threads() - before);
+      threads = std::max(threads, 1 + pool_threads() - before);
       return false;
     };
     REQUIRE(call(encoder.get()) == STGS_OK);
@@ -286,7 +286,7 @@ TEST_CASE("an encoder limits its threads", "[sdk]") {
                                       prepared.path("out").c_str(), &preparing, nullptr);
         }) == 1);
 #endif
-  CHECK(loop_threads() == before);
+  CHECK(pool_threads() == before);
 }
 
 TEST_CASE("training windows are trained separately and packed together", "[sdk]") {

@@ -175,17 +175,17 @@ class Evaluate final : public Command {
     return {};
   }
 
-  // Renders a few frames one after the other, each with all threads; then scores all of them at
-  // once. Holds at most one frame per thread.
+  // Renders a batch of frames one by one, each on all threads, then scores them in parallel. A
+  // batch has one frame per thread.
   Status measure(Session& session, player::Timeline& timeline, player::Renderer& renderer) {
     const auto frames = static_cast<std::size_t>((capture_.frames + every_ - 1) / every_);
     const std::size_t total = frames * cameras_.size();
-    const auto at_once = static_cast<std::size_t>(concurrency());
+    const auto batch = static_cast<std::size_t>(concurrency());
     scores_.assign(cameras_.size(), std::vector<Scores>(frames));
     std::vector<Job> jobs;
     for (std::size_t next = 0; next < total;) {
       jobs.clear();
-      while (jobs.size() < at_once && next < total) {
+      while (jobs.size() < batch && next < total) {
         // All cameras of a frame together, so that its segments are decoded once.
         Job& job = jobs.emplace_back();
         job.camera = next % cameras_.size();

@@ -11,7 +11,7 @@ namespace stgs::tools {
 namespace {
 
 void set_up(int threads, bool quiet) {
-  if (threads > 0) default_threads().set_threads(threads);
+  if (threads > 0) default_thread_pool().set_threads(threads);
   if (quiet) cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
 }
 

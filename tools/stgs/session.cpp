@@ -70,7 +70,7 @@ std::string json_text(const Json& json, int indent) {
 }
 
 Status Session::start() {
-  if (options.threads > 0) default_threads().set_threads(options.threads);
+  if (options.threads > 0) default_thread_pool().set_threads(options.threads);
   return {};
 }
 
@@ -80,7 +80,7 @@ Status Session::join_world() {
   if (world_ != nullptr && options.threads == 0) {
     // Processes without a core binding of their own share the cores of the machine.
     const auto cores = static_cast<int>(sysconf(_SC_NPROCESSORS_ONLN));
-    default_threads().set_threads(std::clamp(cores / world_->node_size(), 1, concurrency()));
+    default_thread_pool().set_threads(std::clamp(cores / world_->node_size(), 1, concurrency()));
   }
   return {};
 }

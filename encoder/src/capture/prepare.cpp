@@ -104,7 +104,7 @@ Status prepare_into(const std::string& capture, const std::string& folder,
   return write_prepared_capture(prepared);
 }
 
-// OpenCV runs on the threads that call it: the loops around its calls already use all threads.
+// Makes OpenCV single-threaded in the whole process: our loops around its calls use all threads.
 class SerialOpenCv {
  public:
   SerialOpenCv() : before_(cv::getNumThreads()) { cv::setNumThreads(1); }

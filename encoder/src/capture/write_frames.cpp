@@ -19,7 +19,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t kFramesAtOnce = 4;  // per camera
+constexpr std::size_t kBatchFrames = 4;  // per camera
 
 // Keeps the error of the lowest camera, then frame, and stops the workers. Thread-safe.
 class FirstError {
@@ -163,8 +163,8 @@ struct Step {
   cv::Mat decoded;
 };
 
-// Writes all frames of a camera. A few frames of a video are decoded in order; then all threads
-// undistort, encode and write them.
+// Writes all frames of a camera, in batches. A batch of video frames is decoded in order; then all
+// threads undistort, encode and write its frames.
 void write_camera(const CameraJob& job, std::size_t index, Counter& counter, FirstError& error) {
   std::unique_ptr<VideoReader> video;
   if (!job.source.video.empty()) {
@@ -197,7 +197,7 @@ void write_camera(const CameraJob& job, std::size_t index, Counter& counter, Fir
   std::vector<Step> steps;
   do {
     steps.clear();
-    while (steps.size() < kFramesAtOnce) {
+    while (steps.size() < kBatchFrames) {
       std::optional<Step> step = read();
       if (!step) break;
       steps.push_back(std::move(*step));

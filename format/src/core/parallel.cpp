@@ -12,7 +12,7 @@ int concurrency() {
 #if defined(__EMSCRIPTEN__)
   return 1;
 #else
-  return default_threads().threads();
+  return default_thread_pool().threads();
 #endif
 }
 
@@ -29,7 +29,7 @@ SharedNumbers::SharedNumbers(std::size_t count, int threads)
 std::optional<std::size_t> SharedNumbers::take(std::size_t& part) {
   for (std::size_t done = 0; done < parts_; ++done) {
     Part& from = part_[part];
-    // Read before it is changed: a part that is done stays in the caches of all cores.
+    // Read first: the cache line of an exhausted part stays shared between the cores.
     const std::size_t number = from.next < from.end ? from.next++ : from.end;
     if (number < from.end) return number;
     part = (part + 1) % parts_;
@@ -46,7 +46,7 @@ void run_on_threads(void (*work)(void* argument), void* argument, int threads) {
 #if defined(__EMSCRIPTEN__)
   work(argument);
 #else
-  default_threads().run(work, argument, threads);
+  default_thread_pool().run(work, argument, threads);
 #endif
 }
 

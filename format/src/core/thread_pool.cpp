@@ -14,17 +14,17 @@ namespace stgs {
 
 namespace {
 
-// Loops often follow each other at once; waking a thread takes tens of microseconds.
-constexpr std::chrono::microseconds kPatience(100);
+// Waking a thread takes tens of microseconds, and the next loop often starts sooner.
+constexpr std::chrono::microseconds kSpinTime(100);
 
-// Returns when done() does, or after kPatience.
+// Spins until done() returns true, at most for kSpinTime.
 template <typename Done>
-void wait_briefly(const Done& done) {
-  const auto end = std::chrono::steady_clock::now() + kPatience;
+void spin(const Done& done) {
+  const auto end = std::chrono::steady_clock::now() + kSpinTime;
   while (!done() && std::chrono::steady_clock::now() < end) std::this_thread::yield();
 }
 
-// In the state of an offer.
+// One thread that may still join, in Offer::state.
 constexpr std::uint32_t kMayJoin = 1 << 16;
 
 }  // namespace
@@ -52,14 +52,14 @@ void ThreadPool::stop() noexcept {
     stopping_ = true;  // no thread is added any more
     idle = busy_ == 0;
   }
-  ++offered_;
-  offered_.notify_all();
+  ++wakes_;
+  wakes_.notify_all();
   for (std::thread& thread : threads_) idle ? thread.join() : thread.detach();
   threads_.clear();
   started_ = 0;
 }
 
-// Starts threads until `wanted` are not busy, or the limit is reached, or the system has no more.
+// Starts threads until `wanted` are free, the limit is reached, or the system refuses one.
 void ThreadPool::start_threads(int wanted) noexcept {
   const auto missing = [&] { return started_ < std::min(limit_ - 1, busy_ + wanted); };
   if (!missing()) return;
@@ -69,7 +69,7 @@ void ThreadPool::start_threads(int wanted) noexcept {
       threads_.emplace_back([this] { serve(); });
       ++started_;
     }
-  } catch (const std::exception&) {  // the loop has fewer threads
+  } catch (const std::exception&) {  // the loop runs on fewer threads
   }
 }
 
@@ -86,16 +86,16 @@ ThreadPool::Offer* ThreadPool::claim_offer() {
   return nullptr;
 }
 
-// Wakes two threads, each of which wakes two more while a loop is open: a short loop wakes few, and
-// all of them are awake after few steps.
+// Wakes two threads. Each of them wakes two more while a loop is open, so that a short loop wakes
+// few threads, and a long one wakes all in a logarithmic number of steps.
 void ThreadPool::wake_some() {
   if (open_ == 0 || asleep_ == 0) return;
-  ++offered_;
-  offered_.notify_one();
-  offered_.notify_one();
+  ++wakes_;
+  wakes_.notify_one();
+  wakes_.notify_one();
 }
 
-// Enters a loop; null: no loop is open. Its offer stays until finish() has seen this thread leave.
+// Joins an open loop; null: there is none. finish() waits until this thread has left the loop.
 ThreadPool::Offer* ThreadPool::join_loop() {
   for (std::uint64_t open = open_; open != 0;) {
     Offer& offer = offers_[static_cast<std::size_t>(std::countr_zero(open))];
@@ -110,11 +110,11 @@ ThreadPool::Offer* ThreadPool::join_loop() {
   return nullptr;
 }
 
-// Ends a loop: no thread may join any more; waits for those inside.
+// Closes a loop and waits for the threads inside.
 void ThreadPool::finish(Offer& offer) {
   const std::uint32_t before = offer.state.fetch_and(kMayJoin - 1);
   if (before >= kMayJoin) open_ &= ~bit_of(offer);
-  wait_briefly([&offer] { return offer.state == 0; });
+  spin([&offer] { return offer.state == 0; });
   for (std::uint32_t inside = offer.state; inside != 0; inside = offer.state) {
     offer.state.wait(inside);
   }
@@ -122,7 +122,7 @@ void ThreadPool::finish(Offer& offer) {
 }
 
 void ThreadPool::serve() {
-  (void)pthread_setname_np(pthread_self(), "stgs loops");
+  (void)pthread_setname_np(pthread_self(), "stgs-pool");
   while (!stopping_) {
     if (Offer* const offer = join_loop()) {
       ++busy_;
@@ -132,10 +132,10 @@ void ThreadPool::serve() {
       if (--offer->state == 0) offer->state.notify_one();
       continue;
     }
-    wait_briefly([this] { return open_ != 0 || stopping_; });
-    const std::uint32_t before = offered_;
-    ++asleep_;  // before the check: a later loop sees it and wakes this thread
-    if (open_ == 0 && !stopping_) offered_.wait(before);
+    spin([this] { return open_ != 0 || stopping_; });
+    const std::uint32_t before = wakes_;
+    ++asleep_;  // before the check, so that a loop opened after it wakes this thread
+    if (open_ == 0 && !stopping_) wakes_.wait(before);
     --asleep_;
   }
 }
@@ -146,8 +146,9 @@ void ThreadPool::run(void (*work)(void* argument), void* argument, int count) {
   if (offer == nullptr) return work(argument);
   offer->work = work;
   offer->argument = argument;
-  offer->state = static_cast<std::uint32_t>(others) * kMayJoin;
+  // The bit first: the last thread that joins clears it.
   open_ |= bit_of(*offer);
+  offer->state = static_cast<std::uint32_t>(others) * kMayJoin;
   start_threads(others);
   wake_some();
   work(argument);
@@ -172,12 +173,12 @@ int usable_cores() {
 
 }  // namespace
 
-ThreadPool& default_threads() {
-  // Never destroyed, as another thread may start a loop while the process ends.
+ThreadPool& default_thread_pool() {
+  // Never destroyed: other threads may start loops while the process exits.
   static ThreadPool* const pool = new ThreadPool(usable_cores());
   static const struct Stop {
     ~Stop() {
-      if (getpid() == process) pool->stop();  // a forked process has none of the threads
+      if (getpid() == process) pool->stop();  // a child of fork() has no threads
     }
     pid_t process = getpid();
   } stop;

@@ -79,10 +79,10 @@ class SegmentDecoder {
 };
 
 // Decodes on threads of its own, which share loops with those of a TaskRunner or with
-// default_threads(). The destructor waits for the jobs that are running.
+// default_thread_pool(). The destructor waits for the jobs that are running.
 class CpuExecutor final : public DecodeExecutor {
  public:
-  // `runner` outlives this object; null: default_threads().
+  // `runner` outlives this object; null: default_thread_pool().
   CpuExecutor(SegmentDecoder decoder, TaskRunner* runner)
       : decoder_(std::move(decoder)), runner_(runner) {}
   ~CpuExecutor() override;

@@ -69,8 +69,8 @@ typedef int32_t (*stgs_encoder_progress_fn)(void* user, const stgs_encoder_progr
 typedef struct stgs_encoder_settings {
   size_t struct_size;
   uint32_t threads;                  /* limit, up to 1024; 0 (default): all cores.
-                                      * While stgs_encoder_prepare runs, OpenCV has no threads of
-                                      * its own in the whole process */
+                                      * While stgs_encoder_prepare runs, OpenCV is single-threaded
+                                      * in the whole process */
   stgs_log_fn log;                   /* NULL (default): no log */
   void* log_user;                    /* first argument of `log` */
   stgs_encoder_progress_fn progress; /* NULL (default): no progress */

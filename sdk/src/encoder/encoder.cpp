@@ -61,7 +61,7 @@ stgs_encoder_settings default_encoder_settings() {
 
 }  // namespace
 
-std::unique_ptr<TaskRunner> make_threads(std::uint32_t threads) {
+std::unique_ptr<TaskRunner> make_thread_pool(std::uint32_t threads) {
   if (threads == 0) return nullptr;
   return std::make_unique<ThreadPool>(static_cast<int>(threads));
 }
@@ -80,7 +80,7 @@ Outcome run_work(stgs_encoder& encoder, const EncoderWork& work) {
     constexpr int kDebug = 3;
     if (level < kDebug) caller_log(level_of(level), line);
   };
-  if (encoder.threads == nullptr) encoder.threads = make_threads(settings.threads);
+  if (encoder.threads == nullptr) encoder.threads = make_thread_pool(settings.threads);
   const ScopedTaskRunner use(encoder.threads.get());
   Outcome outcome = work(progress, log);
   const bool was_cancelled = reporter.cancelled() && outcome.result == STGS_ERROR_RUNTIME;

@@ -17,7 +17,7 @@
 struct stgs_encoder {
   stgs::sdk::LastError error;
   stgs_encoder_settings settings{};
-  std::unique_ptr<stgs::TaskRunner> threads;  // of the settings, from the first call on
+  std::unique_ptr<stgs::TaskRunner> threads;  // created by the first call; null: the default pool
   std::atomic<bool> cancelled{false};
   static_assert(std::atomic<bool>::is_always_lock_free, "signal handlers set it");
 };
@@ -26,8 +26,8 @@ namespace stgs::sdk {
 
 inline constexpr std::uint32_t kMaxThreads = 1024;
 
-// Returns at most `threads` threads for loops; null for 0: all cores.
-std::unique_ptr<TaskRunner> make_threads(std::uint32_t threads);
+// Returns a pool of `threads` threads; null for 0: the default pool.
+std::unique_ptr<TaskRunner> make_thread_pool(std::uint32_t threads);
 
 // Runs `work` with the threads, progress and log of an encoder. Returns STGS_ERROR_CANCELLED if it
 // failed because it was cancelled.

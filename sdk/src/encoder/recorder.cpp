@@ -12,7 +12,7 @@
 struct stgs_recorder {
   stgs::sdk::LastError error;
   std::unique_ptr<stgs::SceneRecorder> recorder;  // null: not begun
-  std::unique_ptr<stgs::TaskRunner> threads;      // null: all cores
+  std::unique_ptr<stgs::TaskRunner> threads;      // null: the default pool
 
   stgs::sdk::Outcome check_recording() const {
     if (recorder == nullptr) {
@@ -264,7 +264,7 @@ stgs_result stgs_recorder_begin(stgs_recorder* recorder, const char* path,
     STGS_SDK_TRY(copy_in_path_and_settings(*recorder, path, settings, known));
     stgs::SceneMetadata metadata;
     STGS_SDK_TRY(copy_in_metadata(known, metadata));
-    recorder->threads = make_threads(known.threads);
+    recorder->threads = make_thread_pool(known.threads);
     auto created =
         stgs::SceneRecorder::create(path, metadata, known.sh_degree, recording_of(known));
     if (!created.ok()) return created.status();
@@ -279,7 +279,7 @@ stgs_result stgs_recorder_resume(stgs_recorder* recorder, const char* path,
   return guarded(recorder, [&]() -> Outcome {
     stgs_record_settings known = default_record_settings();
     STGS_SDK_TRY(copy_in_path_and_settings(*recorder, path, settings, known));
-    recorder->threads = make_threads(known.threads);
+    recorder->threads = make_thread_pool(known.threads);
     auto created = stgs::SceneRecorder::resume(path, recording_of(known));
     if (!created.ok()) return created.status();
     recorder->recorder = std::move(created).value();

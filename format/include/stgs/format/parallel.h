@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Parallel loops, on the threads of the current thread's TaskRunner, else on default_threads() of
-// stgs/format/thread_pool.h. WebAssembly has one thread.
+// Parallel loops, on the threads of the current thread's TaskRunner, else on default_thread_pool()
+// of stgs/format/thread_pool.h. WebAssembly has one thread.
 #pragma once
 
 #include <algorithm>
@@ -39,8 +39,8 @@ namespace detail {
 // Calls work(argument), which never throws, on up to `threads` threads.
 void run_on_threads(void (*work)(void* argument), void* argument, int threads);
 
-// Calls work() on up to `threads` threads and rethrows the first exception. Calls share the work: a
-// later one finds nothing left to do.
+// Calls work() on up to `threads` threads and rethrows the first exception. The calls share the
+// work: when one returns, calls that start later have nothing to do.
 template <typename Work>
 void share(int threads, const Work& work) {
   std::exception_ptr error;
@@ -60,19 +60,18 @@ void share(int threads, const Work& work) {
   if (error) std::rethrow_exception(error);
 }
 
-// Numbers from 0, which the threads of a loop take. Each thread has a part of its own, so that
-// consecutive loops over the same data find it in the cache of the same core; a thread that has
-// finished its part helps with the others. Thread-safe.
+// Distributes the numbers of [0, count) over the threads of a loop. Each thread starts with its own
+// contiguous part, so that consecutive loops over the same data reuse the cache of the same core,
+// and takes numbers of other parts when its own is exhausted. Thread-safe.
 class SharedNumbers {
  public:
   // `threads` >= 1.
   SharedNumbers(std::size_t count, int threads);
-  // Returns the part of the calling thread, for take().
+  // Returns the first part of the calling thread, the argument of take().
   std::size_t join() { return joined_++ % parts_; }
-  // Takes a number, from `part` or, when that is done, from the next one. Returns none when all
-  // are taken.
+  // Takes a number of `part`, or of the next part that has one. None: all are taken.
   std::optional<std::size_t> take(std::size_t& part);
-  // Takes all that are left.
+  // Discards the remaining numbers.
   void stop();
 
  private:
