@@ -246,7 +246,7 @@ void walk_head_records(const FileHead& head, Findings& findings) {
 
 // Returns the values that are decoded at most: ReadLimits::max_values.
 std::uint64_t decoding_limit(const FileHead& head) {
-  constexpr std::uint64_t kAnyFile = std::uint64_t{1} << 21, kPerByte = 18;
+  constexpr std::uint64_t kAnyFile = std::uint64_t{1} << 21, kPerByte = 16;
   const std::uint64_t stated = head.limits.max_values;
   return stated > 0 ? stated : kAnyFile + kPerByte * head.available_bytes;
 }

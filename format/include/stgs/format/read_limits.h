@@ -21,7 +21,7 @@ struct ReadLimits {
   std::uint64_t max_opening = 0;
   // Values that a validator decodes: floats, symbols, and other work as
   // its equivalent (spec/conformance.md, 1.5). A few times as many as files of real scenes have. 0:
-  // 2^21 and 18 for each byte of the file.
+  // 2^21 and 16 for each byte of the file.
   std::uint64_t max_values = 0;
 
   // Returns the limits of a caller who allows `memory` bytes. If that is more than the default, it
