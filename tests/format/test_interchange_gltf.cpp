@@ -128,7 +128,7 @@ TEST_CASE("a written file is recognised by its content") {
     const auto bytes = format.write(set, nullptr);
     REQUIRE(bytes.ok());
     for (const InterchangeFormat& other : interchange_formats()) {
-      CHECK(other.matches("x", *bytes) == (&other == &format));
+      CHECK(other.matches("x", *bytes, {}) == (&other == &format));
     }
   }
 }

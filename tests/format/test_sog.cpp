@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <sys/resource.h>
+
 #include <cmath>
 
 #include "catch.h"
@@ -111,6 +113,22 @@ TEST_CASE("SOG: the chunks of a folder are joined in the order of their names") 
   CHECK(all->gaussians.sh[3] == 0.0f);
   std::ofstream(folder / "lod-meta.json") << "{}";
   CHECK(read_sog(folder.path).status().code() == StatusCode::kUnsupported);
+}
+
+TEST_CASE("SOG: a folder may have more chunks than the process may open files") {
+  const TemporaryFolder folder;
+  constexpr int kChunks = 40;
+  for (int i = 0; i < kChunks; ++i)
+    random_sog(1, 0, 1).write_bundle(folder / (std::to_string(i) + ".sog"));
+  rlimit before{};
+  REQUIRE(getrlimit(RLIMIT_NOFILE, &before) == 0);
+  const rlimit few{30, before.rlim_max};
+  REQUIRE(setrlimit(RLIMIT_NOFILE, &few) == 0);
+  const Result<Scene> all = read_sog(folder.path);
+  REQUIRE(setrlimit(RLIMIT_NOFILE, &before) == 0);
+  INFO(all.status().message());
+  REQUIRE(all.ok());
+  CHECK(all->gaussians.size() == kChunks);
 }
 
 TEST_CASE("SOG: a null first entry of a codebook, as early writers left it, is extrapolated") {

@@ -286,6 +286,9 @@ TEST_CASE("sogst: content selects the reader of an archive") {
   };
   CHECK(name("a.sog") == "sogst");
   CHECK(name("b.zip") == "tsog");
+  // Its meta.json takes more memory than that.
+  const ReadLimits little{1, 1000};
+  CHECK(std::string((*detect_format(folder / "b.zip", little))->name) == "SOG");
   CHECK(name("c.sogst") == "SOG");
   CHECK(name("d.sogst") == "sogst");
 }

@@ -213,7 +213,7 @@ class Convert final : public Command {
   }
 
   Status read(Session& session, Conversion& work) const {
-    STGS_ASSIGN(work.from, detect_format(input_));
+    STGS_ASSIGN(work.from, detect_format(input_, limits()));
     STGS_TRY(import_.check(input_, work.from));
     if (work.from == nullptr) {
       std::error_code error;

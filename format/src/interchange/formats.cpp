@@ -22,41 +22,41 @@ bool starts_with(Head head, std::string_view magic) {
                     [](char a, std::uint8_t b) { return static_cast<std::uint8_t>(a) == b; });
 }
 
-bool is_ply(const std::string&, Head head) {
+bool is_ply(const std::string&, Head head, const ReadLimits&) {
   return starts_with(head, "ply\n") || starts_with(head, "ply\r");
 }
-bool is_stgs1_file(const std::string&, Head head) {
+bool is_stgs1_file(const std::string&, Head head, const ReadLimits&) {
   return is_stgs1(head);
 }
-bool is_spz(const std::string&, Head head) {
+bool is_spz(const std::string&, Head head, const ReadLimits&) {
   return starts_with(head, "NGSP") || starts_with(head, "\x1F\x8B");
 }
-bool is_sog(const std::string& path, Head head) {
+bool is_sog(const std::string& path, Head head, const ReadLimits&) {
   return starts_with(head, "PK\x03\x04") || is_sog_folder(path) ||
          (starts_with(head, "{") && file_extension(path) == ".json");
 }
-bool is_sogst(const std::string& path, Head head) {
-  return starts_with(head, "PK\x03\x04") && sog_kind(path) == SogKind::kSogst;
+bool is_sogst(const std::string& path, Head head, const ReadLimits& limits) {
+  return starts_with(head, "PK\x03\x04") && sog_kind(path, limits) == SogKind::kSogst;
 }
-bool is_tsog(const std::string& path, Head head) {
-  return starts_with(head, "PK\x03\x04") && sog_kind(path) == SogKind::kTsog;
+bool is_tsog(const std::string& path, Head head, const ReadLimits& limits) {
+  return starts_with(head, "PK\x03\x04") && sog_kind(path, limits) == SogKind::kTsog;
 }
-bool is_ftgs_file(const std::string&, Head head) {
+bool is_ftgs_file(const std::string&, Head head, const ReadLimits&) {
   return is_ftgs_ply(head);
 }
-bool is_usda(const std::string&, Head head) {
+bool is_usda(const std::string&, Head head, const ReadLimits&) {
   return starts_with(head, "#usda");
 }
-bool is_splatv_file(const std::string&, Head head) {
+bool is_splatv_file(const std::string&, Head head, const ReadLimits&) {
   return is_splatv(head);
 }
-bool is_4dgs_file(const std::string&, Head head) {
+bool is_4dgs_file(const std::string&, Head head, const ReadLimits&) {
   return is_4dgs(head);
 }
-bool is_frame_folder(const std::string& path, Head head) {
+bool is_frame_folder(const std::string& path, Head head, const ReadLimits&) {
   return head.empty() && is_ply_sequence(path);
 }
-bool is_gltf(const std::string&, Head head) {
+bool is_gltf(const std::string&, Head head, const ReadLimits&) {
   return starts_with(head, "glTF");
 }
 
@@ -150,7 +150,7 @@ std::string file_extension(const std::string& path) {
   return extension;
 }
 
-Result<const InterchangeFormat*> detect_format(const std::string& path) {
+Result<const InterchangeFormat*> detect_format(const std::string& path, const ReadLimits& limits) {
   std::vector<std::uint8_t> head;
   std::error_code error;
   if (!std::filesystem::is_directory(path, error)) {
@@ -159,7 +159,7 @@ Result<const InterchangeFormat*> detect_format(const std::string& path) {
     STGS_TRY(source->read(0, head));
   }
   for (const InterchangeFormat& format : kFormats) {
-    if (format.matches(path, head)) return &format;
+    if (format.matches(path, head, limits)) return &format;
   }
   return nullptr;
 }

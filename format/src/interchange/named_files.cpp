@@ -19,6 +19,8 @@ namespace {
 // Memory of libzip for each byte of the list of members: an entry of at least 46 bytes takes less
 // than 400, with its name and its place in a table.
 constexpr std::uint64_t kBytesPerDirectoryByte = 9;
+// Bytes that can be read from an archive in total: images of SOG models hardly compress further.
+constexpr std::uint64_t kReadInAnyArchive = 256 << 20, kReadPerByte = 64;
 // Additions after the fields of the end record of 64-bit archives that are searched for it.
 constexpr std::uint64_t kMaxEnd64Extension = 64 << 10;
 
@@ -73,8 +75,12 @@ struct CloseMember {
 
 class ZipFiles final : public NamedFiles {
  public:
-  ZipFiles(zip_t* archive, std::string path, Lease lease)
-      : lease_(std::move(lease)), archive_(archive), path_(std::move(path)) {}
+  // `bytes`: of the archive.
+  ZipFiles(zip_t* archive, std::string path, std::uint64_t bytes, Lease lease)
+      : lease_(std::move(lease)),
+        archive_(archive),
+        path_(std::move(path)),
+        readable_(kReadInAnyArchive + kReadPerByte * bytes) {}
 
   std::string label(const std::string& name) const override { return path_ + ":" + name; }
 
@@ -96,6 +102,10 @@ class ZipFiles final : public NamedFiles {
       return invalid_file("{}: stated size of {} bytes is impossible for {} compressed bytes",
                           label(name), stat.size, stat.comp_size);
     }
+    if (stat.size > readable_) {
+      return unsupported("{}: too many bytes are read from the archive, for its size", label(name));
+    }
+    readable_ -= stat.size;
     const std::unique_ptr<zip_file_t, CloseMember> member(
         zip_fopen(archive_.get(), name.c_str(), 0));
     if (!member) {
@@ -118,10 +128,12 @@ class ZipFiles final : public NamedFiles {
   Lease lease_;  // of the list of members
   std::unique_ptr<zip_t, CloseArchive> archive_;
   std::string path_;
+  std::uint64_t readable_;  // bytes
 };
 
-// Returns the greatest size of a list of members that the end of a file states, bytes: libzip takes
-// one of those for the list. More than the file has are not read.
+// Returns the greatest size of a list of members that the end of a file states, bytes: libzip tries
+// to read each of those lists, until one is valid. kInvalidFile if that could take more bytes than
+// twice those of the file, which are at least those of its list.
 Result<std::uint64_t> directory_bytes(const ByteSource& file) {
   constexpr std::uint32_t kEnd = 0x06054B50, kEnd64 = 0x06064B50;  // signatures
   constexpr std::size_t kEndSize = 12, kEnd64Size = 40;            // offsets of the sizes
@@ -129,15 +141,21 @@ Result<std::uint64_t> directory_bytes(const ByteSource& file) {
   std::vector<std::uint8_t> tail(
       static_cast<std::size_t>(std::min(file.size(), kMaxTail + kMaxEnd64Extension)));
   STGS_TRY(file.read(file.size() - tail.size(), tail));
-  std::uint64_t most = 0;
+  std::uint64_t most = 0, tried = 0;
   for (std::size_t at = 0; at + 4 <= tail.size(); ++at) {
     const std::span<const std::uint8_t> here = std::span(tail).subspan(at);
     const std::uint32_t signature = ByteReader(here).u32();
     if (signature == kEnd && here.size() >= kEndSize + 4) {
-      most = std::max<std::uint64_t>(most, ByteReader(here.subspan(kEndSize)).u32());
+      const std::uint64_t size = ByteReader(here.subspan(kEndSize)).u32();
+      most = std::max(most, size);
+      tried += std::min(size, file.size());
     } else if (signature == kEnd64 && here.size() >= kEnd64Size + 8) {
       most = std::max(most, ByteReader(here.subspan(kEnd64Size)).u64());
     }
+  }
+  if (tried > 2 * file.size()) {
+    return invalid_file("{}: damaged zip archive, which ends with several lists of its members",
+                        file.name());
   }
   return std::min(most, file.size());
 }
@@ -164,7 +182,8 @@ Result<std::unique_ptr<NamedFiles>> zip_files(const std::string& path, ImportMem
     zip_error_fini(&error);
     return status;
   }
-  return std::unique_ptr<NamedFiles>(std::make_unique<ZipFiles>(archive, path, std::move(lease)));
+  return std::unique_ptr<NamedFiles>(
+      std::make_unique<ZipFiles>(archive, path, source->size(), std::move(lease)));
 }
 
 }  // namespace stgs

@@ -32,7 +32,8 @@ class NamedFiles {
 
 std::unique_ptr<NamedFiles> folder_files(const std::string& folder);
 // Opens a zip archive. Members may be stored or deflated; their checksums are verified. The list of
-// members is charged to `memory`, which must outlive the object.
+// members is charged to `memory`, which must outlive the object. read() fails (kUnsupported) once
+// all calls together have read 256 MiB and 64 times the bytes of the archive.
 Result<std::unique_ptr<NamedFiles>> zip_files(const std::string& path, ImportMemory& memory);
 
 }  // namespace stgs

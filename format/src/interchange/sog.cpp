@@ -84,8 +84,8 @@ class KindFinder final : public nlohmann::json_sax<json> {
 
 }  // namespace
 
-SogKind sog_kind(const std::string& path) {
-  ImportMemory memory({}, path);
+SogKind sog_kind(const std::string& path, const ReadLimits& limits) {
+  ImportMemory memory(limits, path);
   const auto archive = zip_files(path, memory);
   if (!archive.ok()) return sog_kind_of_extension(path);
   const auto text = archive.value()->read("meta.json", memory, kMaxSogMetaBytes);
@@ -101,12 +101,17 @@ SogKind sog_kind(const std::string& path) {
 Result<Scene> read_sog(const std::string& path, const ReadLimits& limits, ConversionNotes* notes) {
   STGS_ASSIGN(const std::vector<std::string> paths, sog_models(path));
   ImportMemory memory(limits, path);
-  std::vector<SogModel> models;
+  SogSet set(memory);
+  // One model is open at a time: there may be more than the process may open files.
   for (const std::string& model_path : paths) {
-    STGS_ASSIGN(SogModel model, open_path(model_path, memory));
-    models.push_back(std::move(model));
+    STGS_ASSIGN(const SogModel model, open_path(model_path, memory));
+    set.count(model);
   }
-  return read_sog_models(models, memory, notes);
+  for (const std::string& model_path : paths) {
+    STGS_ASSIGN(const SogModel model, open_path(model_path, memory));
+    STGS_TRY(set.read(model));
+  }
+  return set.finish(notes);
 }
 
 }  // namespace stgs

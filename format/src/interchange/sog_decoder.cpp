@@ -12,10 +12,16 @@ namespace {
 
 constexpr std::size_t kPaletteRow = 64;  // palette entries per row of the image of centroids
 
+// An image has a pixel per splat and fills its last rows. Decoding takes time for each pixel.
 Status check_pixels(const ImageSize& size, std::size_t count, const std::string& label) {
-  if (size.pixels() >= count) return {};
-  return invalid_file("{}: image too small ({} x {} pixels for {} splats)", label, size.width,
-                      size.height, count);
+  constexpr std::uint64_t kInAnyImage = 1 << 16, kPerSplat = 16;
+  if (size.pixels() < count) {
+    return invalid_file("{}: image too small ({} x {} pixels for {} splats)", label, size.width,
+                        size.height, count);
+  }
+  if (size.pixels() <= kInAnyImage + kPerSplat * count) return {};
+  return unsupported("{}: image too large ({} x {} pixels for {} splats)", label, size.width,
+                     size.height, count);
 }
 
 // One axis of a range, at q of `max`.

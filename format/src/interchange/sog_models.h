@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "stgs/format/read_limits.h"
 #include "stgs/format/status.h"
 
 namespace stgs {
@@ -17,8 +18,9 @@ bool is_sog_folder(const std::string& folder);
 
 // The formats that are a zip archive with a meta.json.
 enum class SogKind { kSog, kSogst, kTsog };
-// Returns the kind of an archive by its meta.json; by its extension if that cannot be read.
-SogKind sog_kind(const std::string& path);
+// Returns the kind of an archive by its meta.json; by its extension if that cannot be read within
+// the limits.
+SogKind sog_kind(const std::string& path, const ReadLimits& limits);
 // Returns the kind of a name by its extension.
 SogKind sog_kind_of_extension(const std::string& path);
 

@@ -15,7 +15,7 @@ Status needs_libraries(const std::string& path, const char* format) {
 
 }  // namespace
 
-SogKind sog_kind(const std::string& path) {
+SogKind sog_kind(const std::string& path, const ReadLimits&) {
   return sog_kind_of_extension(path);
 }
 

@@ -52,22 +52,30 @@ Result<SogModel> open_sog(std::unique_ptr<NamedFiles> files, const std::string& 
   return model;
 }
 
-Result<Scene> read_sog_models(const std::vector<SogModel>& models, ImportMemory& memory,
-                              ConversionNotes* notes) {
-  std::uint64_t total = 0;
-  Gaussians4D set;
-  for (const SogModel& model : models) {
-    total += model.layout.count;
-    set.sh_degree = std::max(set.sh_degree, model.layout.sh_degree());
+void SogSet::count(const SogModel& model) {
+  counted_ += model.layout.count;
+  sh_degree_ = std::max(sh_degree_, model.layout.sh_degree());
+}
+
+Status SogSet::read(const SogModel& model) {
+  if (set_.size() == 0) {
+    STGS_ASSIGN(lease_, memory_.take_set(counted_, sh_degree_));
+    set_.sh_degree = sh_degree_;
+    set_.resize(static_cast<std::size_t>(counted_));
   }
-  STGS_ASSIGN(const Lease lease, memory.take_set(total, set.sh_degree));
-  set.resize(static_cast<std::size_t>(total));
-  std::size_t first = 0;
-  for (const SogModel& model : models) {
-    STGS_TRY(read_sog_model(model, memory, set, first));
-    first += model.layout.count;
+  if (model.layout.count > set_.size() - done_ || model.layout.sh_degree() > sh_degree_) {
+    return io_error("{}: a model changed while it was read", memory_.name());
   }
-  return finish_import(std::move(set), notes);
+  STGS_TRY(read_sog_model(model, memory_, set_, done_));
+  done_ += model.layout.count;
+  return {};
+}
+
+Result<Scene> SogSet::finish(ConversionNotes* notes) {
+  if (done_ < set_.size()) {
+    return io_error("{}: a model changed while it was read", memory_.name());
+  }
+  return finish_import(std::move(set_), notes);
 }
 
 }  // namespace stgs

@@ -25,6 +25,9 @@ struct Group {
   std::size_t count = 0;
 };
 
+// Of a group and its place in a sorted list.
+constexpr std::uint64_t kGroupMemory = sizeof(Group) + 2 * sizeof(std::string_view);
+
 struct SogstMeta {
   SogLayout layout;
   SogRange motion;
@@ -98,6 +101,17 @@ Status add_group(const json& range, const json& folder, const std::string& label
   return {};
 }
 
+// Rejects two groups with the same images.
+Status check_folders(const SogstMeta& meta, const std::string& label) {
+  std::vector<std::string_view> folders;
+  for (const Group& group : meta.groups) folders.push_back(group.folder);
+  std::sort(folders.begin(), folders.end());
+  const auto twice = std::adjacent_find(folders.begin(), folders.end());
+  if (twice == folders.end()) return {};
+  return invalid_file("{}: streams: two groups of splats have the images in {}", label,
+                      short_json(json(std::string(*twice))));
+}
+
 // `text_bytes`: of the description, which contains the names of the folders.
 Status parse_groups(const json& root, const std::string& label, std::uint64_t text_bytes,
                     ImportMemory& memory, SogstMeta& meta) {
@@ -114,7 +128,7 @@ Status parse_groups(const json& root, const std::string& label, std::uint64_t te
         "most {}",
         label, kMaxSegments);
   }
-  STGS_ASSIGN(meta.lease, memory.take((list.size() + 1) * sizeof(Group) + 2 * text_bytes,
+  STGS_ASSIGN(meta.lease, memory.take((list.size() + 1) * kGroupMemory + 2 * text_bytes,
                                       "the groups of splats"));
   meta.groups.reserve(list.size() + 1);
   STGS_TRY(add_group(member(segments, "persistent"), member(streams, "persistent"),
@@ -127,7 +141,7 @@ Status parse_groups(const json& root, const std::string& label, std::uint64_t te
     return invalid_file("{}: the segments have {} of {} splats", label, meta.in_groups,
                         meta.layout.count);
   }
-  return {};
+  return check_folders(meta, label);
 }
 
 Result<SogstMeta> parse_sogst_meta(std::span<const std::uint8_t> text, const std::string& label,

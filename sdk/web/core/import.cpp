@@ -98,9 +98,10 @@ class Import {
   }
   Result<Scene> read_scene() {
     if (model_) {
-      std::vector<SogModel> models;
-      models.push_back(std::move(*model_));
-      return read_sog_models(models, memory_, nullptr);
+      SogSet set(memory_);
+      set.count(*model_);
+      STGS_TRY(set.read(*model_));
+      return set.finish(nullptr);
     }
     ReadLimits limits = import_limits();
     limits.max_memory = memory_.available();

@@ -42,7 +42,8 @@ struct InterchangeFormat {
   const char* extension;  // of file names, lower case, with its dot; "" for folders
   // Returns whether `path`, whose first bytes are `head`, holds this format. `head` is empty for a
   // folder.
-  bool (*matches)(const std::string& path, std::span<const std::uint8_t> head);
+  bool (*matches)(const std::string& path, std::span<const std::uint8_t> head,
+                  const ReadLimits& limits);
   // Reads a static set. Null if the format is only written, or read with read_path.
   Result<Scene> (*read)(const ByteSource& source, const ReadLimits& limits, ConversionNotes* notes);
   // Reads a format that is dynamic or consists of several files; null for the others.
@@ -68,7 +69,9 @@ struct InterchangeFormat {
 // Returns all formats except .stgs, in the order in which readers are tried.
 std::span<const InterchangeFormat> interchange_formats();
 // Returns the format of a file or folder, by its content; null for .stgs and unknown formats.
-Result<const InterchangeFormat*> detect_format(const std::string& path);
+// `limits`: those with which it is read then.
+Result<const InterchangeFormat*> detect_format(const std::string& path,
+                                               const ReadLimits& limits = {});
 // Reads a file or folder of the given format. kUnsupported if the format is only written.
 Result<Scene> read_interchange(const InterchangeFormat& format, const std::string& path,
                                const ImportSettings& settings, const ReadLimits& limits,
