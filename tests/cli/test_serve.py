@@ -7,15 +7,31 @@ import json
 import os
 import shutil
 import socket
+import struct
 import subprocess
 import time
 import unittest
+import zlib
 
 import harness
 from harness import CliTest, built_in
 
 USAGE, IO, INVALID, RUNTIME, NOT_BUILT = 1, 2, 3, 4, 6
 TIMEOUT = 40          # of a client, seconds: longer than the server's limits
+
+
+def extend_head(path, more):
+    """Adds an optional record with `more` zeros to the head of a scene."""
+    with open(path, "rb") as file:
+        scene = file.read()
+    zeros = bytes(more)
+    record = struct.pack("<IIQI", int.from_bytes(b"ZZZZ", "little"), 0, more, zlib.crc32(zeros))
+    record += struct.pack("<I", zlib.crc32(record)) + zeros
+    *versions, file_bytes, head_bytes = struct.unpack("<HHIQI", scene[8:28])
+    header = scene[:8] + struct.pack("<HHIQI", *versions, file_bytes + len(record), head_bytes + len(record))
+    header += struct.pack("<I", zlib.crc32(header))
+    with open(path, "wb") as file:
+        file.write(header + scene[32:head_bytes] + record + scene[head_bytes:])
 
 
 class Reply:
@@ -269,6 +285,15 @@ class Refusals(Server):
                      "a/inner.mp3", "a/b/other.mp3", "deep.ogg", "a/b/../song.mp3", "up/scenes/top.mp3"):
             with self.subTest(name=name):
                 self.assertEqual(self.ask("/scenes/" + name).status, 404)
+
+    def test_a_scene_with_a_long_head_is_not_searched_for_audio(self):
+        for name in ("short", "long"):
+            self.write(f"scenes/{name}.mp3", name.encode())
+            self.add_audio(f"{name}.mp3", f"{name}.stgs")
+        extend_head(self.path("scenes", "long.stgs"), 20 << 20)
+        self.start("scenes")
+        self.assertEqual(self.ask("/scenes/short.mp3").body, b"short")
+        self.assertEqual(self.ask("/scenes/long.mp3").status, 404)
 
     def test_methods(self):
         self.start("scenes")

@@ -2,7 +2,11 @@
 // Images: the kinds and sizes that headers state, and decoding of PNG and JPEG without OpenCV. The
 // first byte of an input is the extension of the file.
 #include "../fixtures/stb_write.h"
+#include "../fixtures/video_tables.h"
 #include "capture/file_kind.h"
+#include "capture/matroska_tracks.h"
+#include "capture/mov_samples.h"
+#include "capture/png_text.h"
 #include "captures.h"
 #include "png_file.h"
 #include "stgs/encoder/image_file.h"
@@ -10,6 +14,7 @@
 using namespace stgs;
 using namespace stgs::fuzz;
 using namespace stgs::encoder;
+using namespace stgs::testing;
 
 namespace {
 
@@ -65,6 +70,9 @@ std::vector<Bytes> seeds() {
                                   "ftypisom",
                                   12)),
           input_of(5, "\x1a\x45\xdf\xa3\x42\x82\x88matroska"),
+          input_of(5, mp4_file(mp4_sizes(0, 30), mp4_edits(2))),
+          input_of(5, matroska_file(ebml(0x6240, ebml(0x5034, ebml(0x4254, "\3"))))),
+          input_of(0, "\x89PNG\r\n\x1a\n" + png_chunk("zTXt", "key") + png_chunk("IEND", "")),
           input_of(5, std::string("RIFF\x20\0\0\0AVI LIST", 16))};
 }
 
@@ -120,6 +128,13 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   check_error(kind);
   check_error(check_video_kind(View(file).first(std::min(file.size(), kVideoProbeBytes)), path,
                                "the video"));
+  const auto source = memory_source(file, path);
+  check_error(check_mov_samples(*source, file.size()));
+  check_error(check_matroska_tracks(*source));
+  Bytes image_only = file;
+  remove_png_text(image_only);
+  require(image_only.size() <= file.size(), "removing texts adds nothing");
+  (void)has_long_png_text(file);
   const bool truncated = is_truncated_jpeg(file);
   if (stated_pixels(file) > kFewPixels) return 0;
   for (const int channels : {1, 3}) {

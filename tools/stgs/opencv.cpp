@@ -64,9 +64,12 @@ void set_up_opencv(const CommonOptions& options) {
   // OpenCV reads it when it is loaded. The encoder checks the size that the header states before.
   ::setenv("OPENCV_IO_MAX_IMAGE_PIXELS", std::to_string(encoder::kMaxImagePixels).c_str(), 0);
   // As the first. Behind the check of a video's first bytes, FFmpeg refuses other demuxers and
-  // URLs.
+  // URLs, and decodes no frame of other codecs before the encoder has seen it.
   ::setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS",
-           "protocol_whitelist;file|format_whitelist;mov,mp4,matroska,webm,avi", 0);
+           "protocol_whitelist;file|format_whitelist;mov,mp4,matroska,webm,avi|codec_whitelist;"
+           "h264,hevc,av1,libdav1d,libaom-av1,vp8,vp9,mpeg4,mpeg2video,mjpeg,prores,dnxhd,cfhd,"
+           "ffv1,rawvideo",
+           0);
 }
 
 Status prepare_capture(const std::string& capture, const std::string& folder,

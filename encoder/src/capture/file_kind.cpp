@@ -138,26 +138,6 @@ Size size_of(Kind kind, Bytes bytes) {
   return {};
 }
 
-// Boxes with which an MP4 or MOV file begins.
-bool begins_with_box(Bytes begin) {
-  constexpr std::array<std::string_view, 7> kBoxes = {"ftyp", "moov", "mdat", "wide",
-                                                      "free", "skip", "pnot"};
-  // A box of 16 MiB or more could begin with the text of a script. The first byte 0 ends it.
-  return !begin.empty() && begin[0] == 0 &&
-         std::any_of(kBoxes.begin(), kBoxes.end(),
-                     [&](std::string_view box) { return has(begin, 4, box); });
-}
-
-// An EBML header with a document type that FFmpeg's own probe looks for in the same way.
-bool begins_with_matroska(Bytes begin) {
-  constexpr std::size_t kHeader = 128;
-  if (!has(begin, 0, "\x1a\x45\xdf\xa3")) return false;
-  for (std::size_t at = 4; at < std::min(begin.size(), kHeader); ++at) {
-    if (has(begin, at, "matroska") || has(begin, at, "webm")) return true;
-  }
-  return false;
-}
-
 }  // namespace
 
 Status check_image_kind(std::span<const std::uint8_t> bytes, const std::string& path,
@@ -183,6 +163,24 @@ Status check_image_kind(std::span<const std::uint8_t> bytes, const std::string& 
   }
   return check_image_size(static_cast<std::int64_t>(size.width),
                           static_cast<std::int64_t>(size.height), path + ": " + what);
+}
+
+bool begins_with_box(std::span<const std::uint8_t> begin) {
+  constexpr std::array<std::string_view, 7> kBoxes = {"ftyp", "moov", "mdat", "wide",
+                                                      "free", "skip", "pnot"};
+  // A box of 16 MiB or more could begin with the text of a script. The first byte 0 ends it.
+  return !begin.empty() && begin[0] == 0 &&
+         std::any_of(kBoxes.begin(), kBoxes.end(),
+                     [&](std::string_view box) { return has(begin, 4, box); });
+}
+
+bool begins_with_matroska(std::span<const std::uint8_t> begin) {
+  constexpr std::size_t kHeader = 128;
+  if (!has(begin, 0, "\x1a\x45\xdf\xa3")) return false;
+  for (std::size_t at = 4; at < std::min(begin.size(), kHeader); ++at) {
+    if (has(begin, at, "matroska") || has(begin, at, "webm")) return true;
+  }
+  return false;
 }
 
 Status check_video_kind(std::span<const std::uint8_t> begin, const std::string& path,

@@ -26,5 +26,10 @@ Status check_image_kind(std::span<const std::uint8_t> bytes, const std::string& 
 inline constexpr std::size_t kVideoProbeBytes = 4096;
 Status check_video_kind(std::span<const std::uint8_t> begin, const std::string& path,
                         const std::string& what);
+// Returns whether a file begins as an MP4 or MOV video.
+bool begins_with_box(std::span<const std::uint8_t> begin);
+// Returns whether a file begins with an EBML header of a document type that FFmpeg's own probe
+// looks for in the same way.
+bool begins_with_matroska(std::span<const std::uint8_t> begin);
 
 }  // namespace stgs::encoder

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "frame_reader.h"
 
+#include <fcntl.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -11,7 +12,11 @@
 #include <opencv2/videoio.hpp>
 
 #include "file_kind.h"
+#include "matroska_tracks.h"
+#include "mov_samples.h"
+#include "png_text.h"
 #include "stgs/encoder/image_file.h"
+#include "stgs/format/byte_source.h"
 
 namespace stgs::encoder {
 namespace {
@@ -29,9 +34,34 @@ constexpr std::uint64_t kRepeatedBytes = std::uint64_t{16} << 20;
 // the file, and at least as so many bytes.
 constexpr std::uint64_t kUnreadShare = 64, kUnreadBytes = std::uint64_t{256} << 10;
 
+// Returns the bytes of a file of `size` bytes without its holes.
+std::uint64_t stored_bytes(const CaptureFile& file, off_t size) {
+  std::uint64_t bytes = 0;
+  for (off_t begin = 0; begin < size;) {
+    begin = ::lseek(file.descriptor(), begin, SEEK_DATA);
+    if (begin < 0) break;  // a hole at the end
+    const off_t end = ::lseek(file.descriptor(), begin, SEEK_HOLE);
+    if (end < 0) break;
+    bytes += static_cast<std::uint64_t>(end - begin);
+    begin = end;
+  }
+  return bytes;
+}
+
+// Rejects what FFmpeg would expand to much memory when it opens the file. `bytes`: without holes.
+Status check_tables(const CaptureFile& file, std::span<const std::uint8_t> begin,
+                    std::uint64_t bytes, const std::string& path) {
+  const bool is_mov = begins_with_box(begin);
+  if (!is_mov && !begins_with_matroska(begin)) return {};  // AVI
+  const int own = ::fcntl(file.descriptor(), F_DUPFD_CLOEXEC, 0);
+  if (own < 0) return io_error("{}: cannot read: {}", path, system_message(errno));
+  STGS_ASSIGN(const auto source, descriptor_source(own, path));
+  return is_mov ? check_mov_samples(*source, bytes) : check_matroska_tracks(*source);
+}
+
 struct OpenVideo {
   cv::VideoCapture capture;
-  std::uint64_t bytes;  // of the file
+  std::uint64_t bytes;  // of the file, without holes
 };
 
 Result<OpenVideo> open_video(const CaptureFolder& files, const SourceCamera& camera) {
@@ -50,6 +80,8 @@ Result<OpenVideo> open_video(const CaptureFolder& files, const SourceCamera& cam
     return io_error("{}: cannot read: {}", path, system_message(errno));
   }
   STGS_TRY(check_video_kind(begin, path, fmt::format("video of camera '{}'", camera.name)));
+  const std::uint64_t bytes = stored_bytes(file, stored.st_size);
+  STGS_TRY(check_tables(file, begin, bytes, path));
   // By the descriptor, so that FFmpeg reads the file that was checked.
   cv::VideoCapture video(file.name(), cv::CAP_FFMPEG);
   if (!video.isOpened()) {
@@ -64,7 +96,7 @@ Result<OpenVideo> open_video(const CaptureFolder& files, const SourceCamera& cam
   if (width > 0 && height > 0) {
     STGS_TRY(check_image_size(static_cast<int>(width), static_cast<int>(height), path));
   }
-  return OpenVideo{video, static_cast<std::uint64_t>(stored.st_size)};
+  return OpenVideo{video, bytes};
 }
 
 // Adds the sizes of the frames that are read. The table of a container may list a stored frame any
@@ -80,11 +112,16 @@ class StoredFrames {
     }
     return StoredFrames(std::move(video), camera);
   }
-  // Call for each frame that is decoded. kInvalidFile if the frames so far have too many bytes for
-  // the file (kRepeatedBytes).
+  // Call before each frame is decoded. kInvalidFile if the frames so far have too many bytes for
+  // the file (kRepeatedBytes), or the frame has long texts.
   Status next() {
     cv::Mat stored;
     const bool has_frame = video_.capture.grab() && video_.capture.retrieve(stored);
+    if (has_frame && has_long_png_text({stored.data, stored.total() * stored.elemSize()})) {
+      return invalid_file(
+          "{}: video of camera '{}' has PNG frames with long texts; encode the video again",
+          camera_->video, camera_->name);
+    }
     used_ += has_frame ? stored.total() * stored.elemSize()
                        : std::max(video_.bytes / kUnreadShare, kUnreadBytes);
     if (used_ <= 2 * video_.bytes + kRepeatedBytes) return {};
@@ -142,8 +179,8 @@ Status check_frame_bytes(const SourceCamera& camera, int frames, const FrameInfo
       camera.video, camera.name, frames, info.width, info.height, bytes);
 }
 
-// Returns the number of frames of a video after its first was read.
-Result<int> count_frames(OpenVideo& video, const CaptureFolder& files, const SourceCamera& camera,
+// Returns the number of frames of a video after its first was read, also from `stored`.
+Result<int> count_frames(OpenVideo& video, StoredFrames& stored, const SourceCamera& camera,
                          const FrameInfo& info) {
   const double stated = std::round(video.capture.get(cv::CAP_PROP_FRAME_COUNT));
   if (stated > kCaptureLimits.frames) {
@@ -154,10 +191,10 @@ Result<int> count_frames(OpenVideo& video, const CaptureFolder& files, const Sou
     return static_cast<int>(stated);
   }
   // Some containers do not state their length: count the frames.
-  STGS_ASSIGN(StoredFrames stored, StoredFrames::open(files, camera));
   int frames = 1;
-  while (frames <= kCaptureLimits.frames && video.capture.grab()) {
+  while (frames <= kCaptureLimits.frames) {
     STGS_TRY(stored.next());
+    if (!video.capture.grab()) break;
     STGS_TRY(check_frame_bytes(camera, ++frames, info, video.bytes));
   }
   STGS_TRY(check_frame_limit(static_cast<std::uint64_t>(frames), camera.video));
@@ -196,10 +233,11 @@ class OpenCvVideoReader final : public VideoReader {
 Result<cv::Mat> decode_file(const CaptureFolder& files, const std::string& path,
                             const std::string& what, int flags) {
   if (!files.exists(path)) return io_error("{}: {} not found", path, what);
-  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, files.read(path, kCaptureLimits.file_bytes));
+  STGS_ASSIGN(std::vector<std::uint8_t> bytes, files.read(path, kCaptureLimits.file_bytes));
   STGS_TRY(check_complete(bytes, path, what));
   STGS_TRY(check_image_kind(bytes, path, what));
   STGS_TRY(check_jpeg(bytes, path));
+  remove_png_text(bytes);
   try {
     cv::Mat image = cv::imdecode(bytes, flags);
     if (!image.empty()) STGS_TRY(check_image_size(image.cols, image.rows, path));
@@ -219,6 +257,8 @@ Result<FrameInfo> probe_frames(const CaptureFolder& files, const SourceCamera& c
     info.frames = static_cast<int>(camera.images.size());
     return info;
   }
+  STGS_ASSIGN(StoredFrames stored, StoredFrames::open(files, camera));
+  STGS_TRY(stored.next());
   STGS_ASSIGN(OpenVideo video, open_video(files, camera));
   cv::Mat image;
   if (!video.capture.read(image) || image.empty()) {
@@ -231,7 +271,7 @@ Result<FrameInfo> probe_frames(const CaptureFolder& files, const SourceCamera& c
   info.width = image.cols;
   info.height = image.rows;
   info.fps = video.capture.get(cv::CAP_PROP_FPS);
-  STGS_ASSIGN(info.frames, count_frames(video, files, camera, info));
+  STGS_ASSIGN(info.frames, count_frames(video, stored, camera, info));
   return info;
 }
 

@@ -5,6 +5,7 @@
 #include <zip.h>
 
 #include <algorithm>
+#include <array>
 #include <filesystem>
 #include <new>
 
@@ -17,12 +18,10 @@ namespace stgs {
 namespace {
 
 // Memory of libzip for each byte of the list of members: an entry of at least 46 bytes takes less
-// than 400, with its name and its place in a table.
-constexpr std::uint64_t kBytesPerDirectoryByte = 9;
+// than 400, with its name and its place in a table, and an extra field of at least 4 bytes 64.
+constexpr std::uint64_t kBytesPerDirectoryByte = 16;
 // Bytes that can be read from an archive in total: images of SOG models hardly compress further.
 constexpr std::uint64_t kReadInAnyArchive = 256 << 20, kReadPerByte = 64;
-// Additions after the fields of the end record of 64-bit archives that are searched for it.
-constexpr std::uint64_t kMaxEnd64Extension = 64 << 10;
 
 // Returns whether a name stays inside the set: relative, without "..", without a zero byte.
 bool stays_inside(const std::string& name) {
@@ -131,27 +130,42 @@ class ZipFiles final : public NamedFiles {
   std::uint64_t readable_;  // bytes
 };
 
+// Returns the size of a list of members by the end record of a 64-bit archive, to which the locator
+// `at` a place of the tail leads, bytes; 0 if there is none.
+Result<std::uint64_t> directory_bytes64(const ByteSource& file, std::span<const std::uint8_t> at) {
+  constexpr std::uint32_t kEnd64 = 0x06064B50, kLocator64 = 0x07064B50;  // signatures
+  constexpr std::uint64_t kEnd64Bytes = 56;
+  constexpr std::size_t kOffset = 8, kEnd64Size = 40;  // offsets of fields
+  if (ByteReader(at).u32() != kLocator64) return 0;
+  const std::uint64_t offset = ByteReader(at.subspan(kOffset)).u64();
+  if (offset > file.size() || file.size() - offset < kEnd64Bytes) return 0;
+  std::array<std::uint8_t, kEnd64Bytes> end;
+  STGS_TRY(file.read(offset, end));
+  if (ByteReader(end).u32() != kEnd64) return 0;
+  return ByteReader(std::span(end).subspan(kEnd64Size)).u64();
+}
+
 // Returns the greatest size of a list of members that the end of a file states, bytes: libzip tries
 // to read each of those lists, until one is valid. kInvalidFile if that could take more bytes than
 // twice those of the file, which are at least those of its list.
 Result<std::uint64_t> directory_bytes(const ByteSource& file) {
-  constexpr std::uint32_t kEnd = 0x06054B50, kEnd64 = 0x06064B50;  // signatures
-  constexpr std::size_t kEndSize = 12, kEnd64Size = 40;            // offsets of the sizes
-  constexpr std::uint64_t kMaxTail = 22 + 65535 + 20 + 56;  // both records, locator and comment
-  std::vector<std::uint8_t> tail(
-      static_cast<std::size_t>(std::min(file.size(), kMaxTail + kMaxEnd64Extension)));
+  constexpr std::uint32_t kEnd = 0x06054B50;                      // signature
+  constexpr std::size_t kEndSize = 12, kLocatorBytes = 20;        // kEndSize: offset of the size
+  constexpr std::uint64_t kMaxTail = kLocatorBytes + 22 + 65535;  // locator, record and comment
+  std::vector<std::uint8_t> tail(static_cast<std::size_t>(std::min(file.size(), kMaxTail)));
   STGS_TRY(file.read(file.size() - tail.size(), tail));
   std::uint64_t most = 0, tried = 0;
   for (std::size_t at = 0; at + 4 <= tail.size(); ++at) {
     const std::span<const std::uint8_t> here = std::span(tail).subspan(at);
-    const std::uint32_t signature = ByteReader(here).u32();
-    if (signature == kEnd && here.size() >= kEndSize + 4) {
-      const std::uint64_t size = ByteReader(here.subspan(kEndSize)).u32();
-      most = std::max(most, size);
-      tried += std::min(size, file.size());
-    } else if (signature == kEnd64 && here.size() >= kEnd64Size + 8) {
-      most = std::max(most, ByteReader(here.subspan(kEnd64Size)).u64());
+    if (ByteReader(here).u32() != kEnd || here.size() < kEndSize + 4) continue;
+    std::uint64_t size = ByteReader(here.subspan(kEndSize)).u32();
+    if (at >= kLocatorBytes) {
+      STGS_ASSIGN(const std::uint64_t size64,
+                  directory_bytes64(file, std::span(tail).subspan(at - kLocatorBytes)));
+      size = std::max(size, size64);
     }
+    most = std::max(most, size);
+    tried += std::min(size, file.size());
   }
   if (tried > 2 * file.size()) {
     return invalid_file("{}: damaged zip archive, which ends with several lists of its members",

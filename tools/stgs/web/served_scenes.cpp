@@ -4,6 +4,7 @@
 #include <sys/stat.h>
 
 #include <algorithm>
+#include <chrono>
 #include <filesystem>
 
 #include "file_request.h"
@@ -17,6 +18,12 @@ namespace {
 
 using encoder::CaptureFile;
 using encoder::CaptureFolder;
+
+// Other requests wait while the scene of an audio file is searched. The next request continues
+// where this one ended: it knows the audio of these scenes.
+constexpr std::chrono::seconds kMaxSearch(1);
+
+constexpr std::uint64_t kMaxHead = 16 << 20;  // bytes, of such a scene
 
 // Names of the scenes below a folder, sorted.
 class SceneSearch {
@@ -75,9 +82,25 @@ Result<CaptureFile> ServedScenes::open_scene(const std::string& name) const {
 }
 
 std::string ServedScenes::audio_of(const std::string& scene) const {
+  const auto file = folder_->open_file(folder_->path() + "/" + scene);
+  struct stat info {};
+  if (!file.ok() || ::fstat(file->descriptor(), &info) != 0) return {};
+  const Version version{static_cast<std::int64_t>(info.st_dev),
+                        static_cast<std::int64_t>(info.st_ino), info.st_size, info.st_mtim.tv_sec,
+                        info.st_mtim.tv_nsec};
+  const std::lock_guard lock(mutex_);
+  const auto known = audio_.find(version);
+  if (known != audio_.end()) return known->second;
+  if (audio_.size() >= kMaxListed) audio_.clear();
+  return audio_[version] = read_audio_of(scene);
+}
+
+std::string ServedScenes::read_audio_of(const std::string& scene) const {
   auto source = folder_->open_source(folder_->path() + "/" + scene);
   if (!source.ok()) return {};
-  const auto reader = SceneReader::open(std::move(source).value(), {},
+  ReadLimits limits;
+  limits.max_opening = kMaxHead;
+  const auto reader = SceneReader::open(std::move(source).value(), limits,
                                         std::pmr::get_default_resource(), IndexLoading::kOnDemand);
   if (!reader.ok() || (*reader)->metadata().audio.empty()) return {};
   const auto path = audio_path((*reader)->metadata().audio);
@@ -102,12 +125,15 @@ Result<CaptureFile> ServedScenes::open_audio(const std::string& name) const {
   const Status refused = io_error("{}: not served", name);
   const auto normal = audio_path(escape_url(name, kUrlPath));
   if (!normal.ok() || *normal != name) return refused;
+  const auto last = std::chrono::steady_clock::now() + kMaxSearch;
   std::size_t examined = 0, end = is_folder() ? name.rfind('/') + 1 : 0;
   for (int level = 0; level <= kMaxDepth; ++level) {
     const std::string below = name.substr(0, end), path = folder_->path() + "/";
     const auto scenes = is_folder() ? scenes_in(below) : std::vector<std::string>{target_};
     for (const std::string& scene : scenes) {
-      if (++examined > kMaxListed) return refused;
+      if (++examined > kMaxListed || interrupted() || std::chrono::steady_clock::now() > last) {
+        return refused;
+      }
       if (audio_of(scene) != name.substr(end)) continue;
       const auto own = CaptureFolder::open(path + below, false);
       if (!own.ok() ||
