@@ -34,14 +34,15 @@ constexpr std::uint64_t kRepeatedBytes = std::uint64_t{16} << 20;
 // the file, and at least as so many bytes.
 constexpr std::uint64_t kUnreadShare = 64, kUnreadBytes = std::uint64_t{256} << 10;
 
-// Returns the bytes of a file of `size` bytes without its holes.
+// Returns the bytes of a file of `size` bytes without its holes; all if the file system does not
+// tell them.
 std::uint64_t stored_bytes(const CaptureFile& file, off_t size) {
   std::uint64_t bytes = 0;
   for (off_t begin = 0; begin < size;) {
     begin = ::lseek(file.descriptor(), begin, SEEK_DATA);
-    if (begin < 0) break;  // a hole at the end
-    const off_t end = ::lseek(file.descriptor(), begin, SEEK_HOLE);
-    if (end < 0) break;
+    if (begin < 0 && errno == ENXIO) break;  // a hole at the end
+    const off_t end = begin < 0 ? begin : ::lseek(file.descriptor(), begin, SEEK_HOLE);
+    if (end < 0) return static_cast<std::uint64_t>(size);
     bytes += static_cast<std::uint64_t>(end - begin);
     begin = end;
   }
