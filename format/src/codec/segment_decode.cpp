@@ -101,15 +101,17 @@ constexpr Attribute kBands[] = {Attribute::kSh1, Attribute::kSh2, Attribute::kSh
 // attributes that all primitives have, and then the bands of SH that only some have.
 class RangeDecoder {
  public:
-  // `memory`: bytes of a window. Ranges are windows of whole blocks.
+  // `memory`: bytes of a window. Ranges are windows of whole blocks. `window`: its primitives; the
+  // memory of earlier ones is used again.
   RangeDecoder(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
-               TimeOrigin origin, std::uint64_t memory, Findings& findings)
+               TimeOrigin origin, std::uint64_t memory, Gaussians4D& window, Findings& findings)
       : head_(head),
         ordinal_(ordinal),
         memory_(memory),
         findings_(findings),
         decoders_(open_records(records, head, ordinal, findings)),
-        records_(decoders_.size()) {
+        records_(decoders_.size()),
+        set_(window) {
     set_.sh_degree = 0;
     if (!decoders_.empty()) context_ = context_of(records, head, ordinal, origin);
     for (std::size_t d = 0; d < decoders_.size(); ++d) find_bands(d);
@@ -244,7 +246,7 @@ class RangeDecoder {
   std::vector<Record> records_;  // by decoder
   SegmentContext context_;
   std::vector<Carries> carries_;  // of the attributes that are together
-  Gaussians4D set_;               // of a window
+  Gaussians4D& set_;              // of a window
   AttributeBits out_of_range_ = 0;
   PrimitiveChecks checks_;
 };
@@ -300,7 +302,8 @@ bool decode_segment(const SegmentRecords& records, const FileHead& head, std::ui
 bool pass_ranges(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
                  TimeOrigin origin, const RangeVisitor& visit, Findings& findings) {
   Findings found;
-  RangeDecoder decoder(records, head, ordinal, origin, kPassedMemory, found);
+  Gaussians4D window;
+  RangeDecoder decoder(records, head, ordinal, origin, kPassedMemory, window, found);
   if (found.ok()) decoder.decode(visit);
   const bool good = found.ok();
   findings.append(std::move(found));
@@ -310,7 +313,8 @@ bool pass_ranges(const SegmentRecords& records, const FileHead& head, std::uint3
 bool decode_ranges(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
                    const RangeVisitor& visit, DecodingWork& work, Findings& findings) {
   Findings found;
-  RangeDecoder decoder(records, head, ordinal, TimeOrigin::kRecord, kCheckedMemory, found);
+  RangeDecoder decoder(records, head, ordinal, TimeOrigin::kRecord, kCheckedMemory, work.window,
+                       found);
   const std::uint64_t needed = decoded_values(records, head, ordinal);
   if (found.ok() && needed > work.values) {
     work.is_refused = true;

@@ -9,6 +9,7 @@
 
 #include "codec/layout.h"
 #include "container/container.h"
+#include "stgs/format/gaussian4d.h"
 
 namespace stgs {
 
@@ -104,6 +105,7 @@ inline constexpr std::uint64_t kDracoWork = 128, kRecordWork = 3584, kPlaneWork 
 struct DecodingWork {
   std::uint64_t values = 0;
   bool is_refused = false;  // a segment needs more: it and those after it are not decoded
+  Gaussians4D window = {};  // memory that is used again for each segment
 };
 
 // Makes the checks of decode_segment() for all attributes, and returns the same, but decodes a
