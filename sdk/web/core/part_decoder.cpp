@@ -65,7 +65,8 @@ void PartDecoder::pack_range(const Gaussians4D& set, std::size_t begin, std::uin
 void PartDecoder::pack(const Gaussians4D& set, std::size_t first, std::uint32_t count,
                        std::uint32_t total, std::uint32_t entry, Parts& parts) {
   const int degree = reader_->sh_degree();
-  packed_.resize(static_cast<std::size_t>(player::packed_bytes(count, degree)));
+  const auto bytes = static_cast<std::size_t>(player::packed_bytes(count, degree));
+  if (packed_.size() < bytes) packed_.resize(bytes);
   player::pack_segment(set, first, count, degree, packed_.data());
   const std::uint64_t all = player::padded(total), own = player::padded(count);
   std::uint64_t begin = 0;  // bytes per primitive of the arrays so far
