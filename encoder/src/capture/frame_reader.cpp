@@ -35,7 +35,7 @@ constexpr std::uint64_t kRepeatedBytes = std::uint64_t{16} << 20;
 constexpr std::uint64_t kUnreadShare = 64, kUnreadBytes = std::uint64_t{256} << 10;
 
 // Returns the bytes of a file of `size` bytes without its holes; all if the file system does not
-// tell them.
+// report them.
 std::uint64_t stored_bytes(const CaptureFile& file, off_t size) {
   std::uint64_t bytes = 0;
   for (off_t begin = 0; begin < size;) {
