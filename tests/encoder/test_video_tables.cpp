@@ -84,12 +84,23 @@ TEST_CASE("compressed tracks of a Matroska file are refused") {
   CHECK(matroska(matroska_file(algorithm("\3"))).ok());  // equal first bytes are left out
   for (const std::string& encoding :
        {algorithm(std::string(1, '\0')), algorithm("\1"), algorithm(""), ebml(0x6240, ""),
-        algorithm("\3") + ebml(0x6240, ebml(0x5034, ebml(0x4254, "\3") + ebml(0x4254, "\1")))}) {
-    CHECK(fails_with(matroska(matroska_file(encoding)), {"compressed track"}));
+        algorithm("\3") + ebml(0x6240, ebml(0x5034, ebml(0x4254, "\3") + ebml(0x4254, "\1"))),
+        ebml(0x6240, ebml(0x5034, ebml(0x4254, "\3")) + ebml(0x5034, "")),
+        ebml(0x6240, ebml(0x5034, ebml(0x4254, "\3") + ebml(0x4255, std::string(65, 'x')))),
+        ebml(0x6240, ebml(0x5032, "\1") + ebml(0x5034, ""))}) {
+    CHECK(fails_with(matroska(matroska_file(encoding)), {"compressed or encrypted track"}));
     // Behind other data, across the window of the search.
     for (std::size_t before = 65'500; before < 65'540; ++before)
       CHECK_FALSE(matroska(std::string(before, 'x') + matroska_file(encoding)).ok());
   }
+  // Frames of subtitles, and a track behind one of unknown size.
+  const std::string zlib = ebml(0x6240, ebml(0x5032, "\1") + ebml(0x5034, ""));
+  CHECK(matroska(matroska_file(zlib, 0x11)).ok());
+  CHECK(fails_with(matroska("\x16\x54\xAE\x6B\xFF\xAE\xFF" + ebml(0xAE, ebml(0x6D80, zlib))),
+                   {"compressed or encrypted track"}));
+  std::string tracks;
+  for (int i = 0; i < 1001; ++i) tracks += "\xAE\x80";
+  CHECK(fails_with(matroska(ebml(0x1654AE6B, tracks)), {"too many tracks"}));
   std::string tables;
   for (int i = 0; i < 3000; ++i) tables += "\xEC\x85\x16\x54\xAE\x6B\xFF";
   CHECK(fails_with(matroska(tables), {"too many tables"}));

@@ -12,21 +12,27 @@ namespace stgs::encoder {
 namespace {
 
 constexpr std::string_view kTracks = "\x16\x54\xAE\x6B";
-constexpr std::uint64_t kTrackEntry = 0xAE, kContentEncodings = 0x6D80, kContentEncoding = 0x6240,
-                        kContentCompression = 0x5034, kContentCompAlgo = 0x4254;
-constexpr std::uint64_t kHeaderStripping = 3;
-// Of all tables together: a track has fewer than 100. Bytes that look like tables have few more.
-constexpr std::size_t kMaxElements = 1 << 20;
+constexpr std::uint64_t kTrackEntry = 0xAE, kTrackType = 0x83, kContentEncodings = 0x6D80,
+                        kContentEncoding = 0x6240, kContentEncodingScope = 0x5032,
+                        kContentCompression = 0x5034, kContentCompAlgo = 0x4254,
+                        kContentCompSettings = 0x4255;
+constexpr std::uint64_t kHeaderStripping = 3, kSubtitles = 0x11, kFrames = 1;
+// First bytes that are left out. FFmpeg adds them to each of up to 256 frames of a block.
+constexpr std::uint64_t kMaxSettings = 64;
+constexpr std::size_t kMaxTracks = 1000;
+// Of all tables together: a track has fewer than 100. Other bytes that match their id have few.
+constexpr std::size_t kMaxElements = 1 << 16;
 
 struct Element {
   std::uint64_t id = 0, begin = 0, end = 0;  // of its content
+  bool is_unknown = false;  // its size: FFmpeg ends it at an element that it cannot contain
 };
 
 class Tracks {
  public:
   explicit Tracks(const ByteSource& file) : file_(file) {}
 
-  // Checks all tables of tracks, and what looks like one.
+  // Checks all tables of tracks, and all bytes that match their id.
   Status run() {
     const std::size_t overlap = kTracks.size() - 1;
     for (std::uint64_t at = 0; at < file_.size(); at += FileWindow::kBytes - overlap) {
@@ -49,7 +55,7 @@ class Tracks {
                : static_cast<std::size_t>(std::countl_zero(static_cast<std::uint8_t>(first))) + 1;
   }
 
-  // Returns the element at `at` within [.., end); nothing if there is none.
+  // Returns the element at `at`, which must end by `end`; nothing if there is none.
   Result<std::optional<Element>> element_at(std::uint64_t at, std::uint64_t end) {
     STGS_ASSIGN(const std::uint64_t id_first, file_.number(at, 1));
     const std::size_t id_bytes = length_of(id_first);
@@ -63,7 +69,8 @@ class Tracks {
     STGS_ASSIGN(const std::uint64_t size, file_.number(at + id_bytes, size_bytes));
     out.begin = at + id_bytes + size_bytes;
     const std::uint64_t unknown = (std::uint64_t{1} << 7 * size_bytes) - 1, bytes = size & unknown;
-    out.end = bytes == unknown ? end : out.begin + std::min(bytes, end - out.begin);
+    out.is_unknown = bytes == unknown;
+    out.end = out.is_unknown ? end : out.begin + std::min(bytes, end - out.begin);
     return std::optional(out);
   }
 
@@ -75,7 +82,7 @@ class Tracks {
       if (!child) return {};
       if (++elements_ > kMaxElements) return damaged("has too many tables of tracks");
       if (child->id == id) STGS_TRY(visit(*child));
-      at = child->end;
+      at = child->is_unknown ? child->begin : child->end;
     }
     return {};
   }
@@ -84,25 +91,52 @@ class Tracks {
     STGS_ASSIGN(const std::optional<Element> table, element_at(at, file_.size()));
     if (!table) return {};
     return children(*table, kTrackEntry, [&](const Element& track) {
+      if (++tracks_ > kMaxTracks) return damaged("has too many tracks");
+      STGS_ASSIGN(const Values type, values_of(track, kTrackType));
       return children(track, kContentEncodings, [&](const Element& all) {
-        return children(all, kContentEncoding, [&](const Element& one) { return check(one); });
+        return children(all, kContentEncoding, [&](const Element& encoding) {
+          return check(encoding, type.is_only(kSubtitles));
+        });
       });
     });
   }
 
-  Status check(const Element& encoding) {
-    bool is_stripping = false, is_other = false;
-    STGS_TRY(children(encoding, kContentCompression, [&](const Element& compression) {
-      return children(compression, kContentCompAlgo, [&](const Element& algorithm) -> Status {
-        const std::uint64_t bytes = std::min<std::uint64_t>(algorithm.end - algorithm.begin, 8);
-        STGS_ASSIGN(const std::uint64_t value,
-                    file_.number(algorithm.begin, static_cast<std::size_t>(bytes)));
-        (value == kHeaderStripping ? is_stripping : is_other) = true;
+  // The values of the elements with an id.
+  struct Values {
+    std::size_t count = 0;
+    std::uint64_t last = 0;
+
+    bool is_only(std::uint64_t value) const { return count == 1 && last == value; }
+  };
+
+  Result<Values> values_of(const Element& of, std::uint64_t id) {
+    Values out;
+    STGS_TRY(children(of, id, [&](const Element& child) -> Status {
+      const std::uint64_t bytes = std::min<std::uint64_t>(child.end - child.begin, 8);
+      STGS_ASSIGN(out.last, file_.number(child.begin, static_cast<std::size_t>(bytes)));
+      ++out.count;
+      return {};
+    }));
+    return out;
+  }
+
+  Status check(const Element& encoding, bool is_subtitles) {
+    STGS_ASSIGN(const Values scope, values_of(encoding, kContentEncodingScope));
+    // Subtitles are not decoded, and this scope excludes their description.
+    if (is_subtitles && scope.is_only(kFrames) && !encoding.is_unknown) return {};
+    std::size_t compressions = 0;
+    bool is_stripping = !encoding.is_unknown;
+    STGS_TRY(children(encoding, kContentCompression, [&](const Element& compression) -> Status {
+      ++compressions;
+      STGS_ASSIGN(const Values algorithm, values_of(compression, kContentCompAlgo));
+      is_stripping = is_stripping && algorithm.is_only(kHeaderStripping);
+      return children(compression, kContentCompSettings, [&](const Element& settings) -> Status {
+        is_stripping = is_stripping && settings.end - settings.begin <= kMaxSettings;
         return {};
       });
     }));
-    if (is_stripping && !is_other) return {};
-    return damaged("has a compressed track");
+    return is_stripping && compressions == 1 ? Status()
+                                             : damaged("has a compressed or encrypted track");
   }
 
   Status damaged(std::string_view what) const {
@@ -112,7 +146,7 @@ class Tracks {
   }
 
   FileWindow file_;
-  std::size_t elements_ = 0;  // examined so far
+  std::size_t elements_ = 0, tracks_ = 0;  // examined so far
 };
 
 }  // namespace

@@ -8,6 +8,7 @@
 #include <array>
 #include <filesystem>
 #include <new>
+#include <optional>
 
 #include "core/bytes.h"
 #include "interchange/compression.h"
@@ -130,44 +131,47 @@ class ZipFiles final : public NamedFiles {
   std::uint64_t readable_;  // bytes
 };
 
-// Returns the size of a list of members by the end record of a 64-bit archive, to which the locator
-// `at` a place of the tail leads, bytes; 0 if there is none.
-Result<std::uint64_t> directory_bytes64(const ByteSource& file, std::span<const std::uint8_t> at) {
+// Returns the size of a list of members by the end record of a 64-bit archive; nothing if there is
+// none. `at`: bytes that may be its locator.
+Result<std::optional<std::uint64_t>> directory_bytes64(const ByteSource& file,
+                                                       std::span<const std::uint8_t> at) {
   constexpr std::uint32_t kEnd64 = 0x06064B50, kLocator64 = 0x07064B50;  // signatures
   constexpr std::uint64_t kEnd64Bytes = 56;
   constexpr std::size_t kOffset = 8, kEnd64Size = 40;  // offsets of fields
-  if (ByteReader(at).u32() != kLocator64) return 0;
+  if (ByteReader(at).u32() != kLocator64) return std::optional<std::uint64_t>();
   const std::uint64_t offset = ByteReader(at.subspan(kOffset)).u64();
-  if (offset > file.size() || file.size() - offset < kEnd64Bytes) return 0;
+  if (offset > file.size() || file.size() - offset < kEnd64Bytes) return std::optional(file.size());
   std::array<std::uint8_t, kEnd64Bytes> end;
   STGS_TRY(file.read(offset, end));
-  if (ByteReader(end).u32() != kEnd64) return 0;
-  return ByteReader(std::span(end).subspan(kEnd64Size)).u64();
+  if (ByteReader(end).u32() != kEnd64) return std::optional(file.size());
+  return std::optional(ByteReader(std::span(end).subspan(kEnd64Size)).u64());
 }
 
 // Returns the greatest size of a list of members that the end of a file states, bytes: libzip tries
-// to read each of those lists, until one is valid. kInvalidFile if that could take more bytes than
-// twice those of the file, which are at least those of its list.
+// to read each of those lists, until one is valid. kInvalidFile if the lists together have more
+// than twice the bytes of the file, with the memory that their entries take first.
 Result<std::uint64_t> directory_bytes(const ByteSource& file) {
-  constexpr std::uint32_t kEnd = 0x06054B50;                      // signature
-  constexpr std::size_t kEndSize = 12, kLocatorBytes = 20;        // kEndSize: offset of the size
-  constexpr std::uint64_t kMaxTail = kLocatorBytes + 22 + 65535;  // locator, record and comment
+  constexpr std::uint32_t kEnd = 0x06054B50;                           // signature
+  constexpr std::size_t kEntries = 10, kEndSize = 12, kEndBytes = 22;  // offsets, and all bytes
+  constexpr std::uint64_t kMaxComment = 65536, kLocatorBytes = 20;
+  constexpr std::uint64_t kEntryMemory = 32, kAnyFile = 64 << 10;
+  constexpr std::uint64_t kMaxTail = kLocatorBytes + kEndBytes + kMaxComment;
   std::vector<std::uint8_t> tail(static_cast<std::size_t>(std::min(file.size(), kMaxTail)));
   STGS_TRY(file.read(file.size() - tail.size(), tail));
   std::uint64_t most = 0, tried = 0;
-  for (std::size_t at = 0; at + 4 <= tail.size(); ++at) {
+  for (std::size_t at = 0; at + kEndBytes <= tail.size(); ++at) {
     const std::span<const std::uint8_t> here = std::span(tail).subspan(at);
-    if (ByteReader(here).u32() != kEnd || here.size() < kEndSize + 4) continue;
+    if (ByteReader(here).u32() != kEnd) continue;
     std::uint64_t size = ByteReader(here.subspan(kEndSize)).u32();
     if (at >= kLocatorBytes) {
-      STGS_ASSIGN(const std::uint64_t size64,
+      STGS_ASSIGN(const auto size64,
                   directory_bytes64(file, std::span(tail).subspan(at - kLocatorBytes)));
-      size = std::max(size, size64);
+      size = size64.value_or(size);
     }
     most = std::max(most, size);
-    tried += std::min(size, file.size());
+    tried += std::min(size, file.size()) + kEntryMemory * ByteReader(here.subspan(kEntries)).u16();
   }
-  if (tried > 2 * file.size()) {
+  if (tried > 2 * file.size() + kAnyFile) {
     return invalid_file("{}: damaged zip archive, which ends with several lists of its members",
                         file.name());
   }

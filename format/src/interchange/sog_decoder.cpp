@@ -14,7 +14,7 @@ constexpr std::size_t kPaletteRow = 64;  // palette entries per row of the image
 
 // An image has a pixel per splat and fills its last rows. Decoding takes time for each pixel.
 Status check_pixels(const ImageSize& size, std::size_t count, const std::string& label) {
-  constexpr std::uint64_t kInAnyImage = 1 << 16, kPerSplat = 16;
+  constexpr std::uint64_t kInAnyImage = 4096, kPerSplat = 16;
   if (size.pixels() < count) {
     return invalid_file("{}: image too small ({} x {} pixels for {} splats)", label, size.width,
                         size.height, count);

@@ -25,7 +25,7 @@ struct Group {
   std::size_t count = 0;
 };
 
-// Of a group and its place in a sorted list.
+// Bytes of a group and its entry in a sorted list.
 constexpr std::uint64_t kGroupMemory = sizeof(Group) + 2 * sizeof(std::string_view);
 
 struct SogstMeta {
