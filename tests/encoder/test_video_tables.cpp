@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a small video or image would make a decoder expand is refused or removed before.
+// Checks that run before FFmpeg or libpng could expand a small file.
 #include "capture_fixture.h"
 #include "catch.h"
 #include "fixtures/video_tables.h"
@@ -29,36 +29,80 @@ std::vector<std::uint8_t> bytes_of_text(const std::string& text) {
   return {text.begin(), text.end()};
 }
 
+const std::vector<std::string> kTooMany = {"more samples than its bytes can hold"};
+
 TEST_CASE("the tables of an MP4 file state no more samples than its bytes can hold") {
   CHECK(mov(mp4_file(mp4_sizes(0, 30))).ok());
   CHECK(mov(mp4_file(mp4_sizes(1, 250'000))).ok());
-  CHECK(mov(mp4_file(mp4_sizes(0, 60'000), mp4_edits(2))).ok());
-  const std::vector<std::string> words = {"more samples than its bytes can hold"};
-  CHECK(fails_with(mov(mp4_file(mp4_sizes(0, 70'000))), words));
-  CHECK(fails_with(mov(mp4_file(mp4_sizes(1, 85'000'000))), words));
-  CHECK(fails_with(mov(mp4_file(mp4_sizes(0, 40'000) + mp4_sizes(0, 40'000))), words));
-  CHECK(fails_with(mov(mp4_file(mp4_sizes(0, 60'000), mp4_edits(5))), words));
-  CHECK(fails_with(mov(mp4_file(mp4_sizes(0xFFFFFFFF, 0xFFFFFFFF) + mp4_sizes(0xFFFFFFFF, 3))),
-                   words));
-  const std::string run = mp4_box("trun", big_endian(0, 4) + big_endian(50'000'000, 4));
-  CHECK(fails_with(mov(mp4_file("") + mp4_box("moof", mp4_box("traf", run))), words));
+  CHECK(mov(mp4_file(mp4_sizes(100, 60'000), mp4_edits(2))).ok());
+  CHECK(fails_with(mov(mp4_file(mp4_sizes(100, 70'000))), kTooMany));
+  CHECK(fails_with(mov(mp4_file(mp4_sizes(1, 85'000'000))), kTooMany));
+  CHECK(fails_with(mov(mp4_file(mp4_sizes(100, 40'000) + mp4_sizes(100, 40'000))), kTooMany));
+  CHECK(fails_with(mov(mp4_file(mp4_sizes(100, 60'000), mp4_edits(5))), kTooMany));
+  CHECK(fails_with(mov(mp4_file(mp4_sizes(0xFFFFFFFF, 0xFFFFFFFF))), kTooMany));
+  CHECK(fails_with(
+      mov(mp4_file("") + mp4_box("moof", mp4_box("traf", mp4_table("trun", 50'000'000, "")))),
+      kTooMany));
+  // Sound of one chunk after the other, and offsets and groups that count samples.
+  const auto chunks = [](std::uint32_t samples, std::uint32_t next) {
+    return mp4_table("stco", 40, std::string(160, '\1')) +
+           mp4_table("stsc", 2,
+                     big_endian(1, 4) + big_endian(samples, 4) + big_endian(1, 4) +
+                         big_endian(next, 4) + big_endian(1, 4) + big_endian(1, 4));
+  };
+  CHECK(mov(mp4_file(chunks(48'000, 40))).ok());
+  CHECK(fails_with(mov(mp4_file(chunks(1u << 31, 40))), kTooMany));
+  CHECK(fails_with(mov(mp4_file(chunks(1024, 1))), {"table of chunks"}));
+  const std::string many = big_endian(0x7FFFFFFF, 4) + big_endian(0, 4);
+  CHECK(fails_with(mov(mp4_file(mp4_table("ctts", 1, many))), kTooMany));
+  CHECK(fails_with(mov(mp4_file(mp4_box("sbgp", std::string(8, '\0') + big_endian(1, 4) + many))),
+                   kTooMany));
+  std::string tracks, fragments;
+  for (int i = 0; i < 300; ++i) tracks += mp4_box("trak", ""), fragments += mp4_box("moof", "");
+  CHECK(mov(mp4_box("moov", tracks)).ok());
+  CHECK(fails_with(mov(mp4_box("moov", tracks) + fragments), kTooMany));
 }
 
-TEST_CASE("tables of an MP4 file where only FFmpeg would find them are refused") {
-  const std::string sizes = mp4_sizes(0, 30), file = mp4_file(sizes);
+TEST_CASE("tables of an MP4 file end with their box") {
+  for (const char* kind : {"stts", "ctts", "stss", "stps", "stco", "co64", "stsc", "elst"}) {
+    INFO(kind);
+    CHECK(mov(mp4_file(mp4_table(kind, 1, std::string(12, '\0')))).ok());
+    CHECK(fails_with(mov(mp4_file(mp4_table(kind, 1000, std::string(12, '\0')))),
+                     {"longer than its box"}));
+  }
+  CHECK(
+      fails_with(mov(mp4_file(mp4_sizes(0, 30).replace(18, 2, "\7\7"))), {"longer than its box"}));
+  const auto description = [](std::uint32_t bytes) {
+    return mp4_table("stsd", 1, big_endian(bytes, 4) + std::string(82, 'x'));
+  };
+  CHECK(mov(mp4_file(description(86))).ok());
+  CHECK(fails_with(mov(mp4_file(description(87))), {"damaged description"}));
+}
+
+TEST_CASE("tables of an MP4 file are found where FFmpeg finds them") {
+  const std::string sizes = mp4_sizes(100, 70'000), file = mp4_file(mp4_sizes(0, 30));
   CHECK(fails_with(mov(mp4_file(mp4_box("stsd", std::string(70'000, 'x') + sizes))),
                    {"tables in a description"}));
-  CHECK(fails_with(mov(mp4_box("free", mp4_box("mvhd", "") + sizes) + file), {"free space"}));
+  CHECK(fails_with(mov(mp4_box("free", mp4_box("mvhd", "") + sizes) + file), kTooMany));
+  const std::string title = mp4_box("ilst", "Edelstahl, trunk");
+  const auto metadata = [](const std::string& content) {
+    return mp4_box("udta",
+                   mp4_box("meta", std::string(4, '\0') + mp4_box("hdlr", "mdir") + content));
+  };
+  CHECK(mov(file + metadata(title)).ok());
+  CHECK(fails_with(mov(file + metadata(sizes)), kTooMany));
   CHECK(fails_with(mov(file + mp4_box("moov", mp4_box("cmov", ""))), {"compressed"}));
+  CHECK(
+      fails_with(mov(file + mp4_box("moof", mp4_box("traf", mp4_box("senc", "")))), {"encrypted"}));
   std::string nested = sizes;
   for (int i = 0; i < 12; ++i) nested = mp4_box("udta", nested);
   CHECK(fails_with(mov(file + nested), {"too deep"}));
-  // A box of 64 bits, and one to the end of the file.
-  CHECK(fails_with(mov(big_endian(1, 4) + "moov" + big_endian(16 + 4000, 8) +
-                       mp4_box("trak", mp4_box("stbl", mp4_sizes(0, 70'000)))),
-                   {"more samples"}));
-  CHECK(fails_with(mov(big_endian(0, 4) + "moov" + mp4_box("stbl", mp4_sizes(0, 70'000))),
-                   {"more samples"}));
+  // Sizes of 64 bits, to the end of the file, and invalid ones, which end the boxes.
+  for (const std::string& head :
+       {big_endian(1, 4) + "moov" + big_endian(16 + 4000, 8),
+        big_endian(1, 4) + "moov" + big_endian(8, 8), big_endian(0, 4) + std::string("moov")})
+    CHECK(fails_with(mov(head + mp4_box("stbl", sizes)), kTooMany));
+  CHECK(mov(file + big_endian(7, 4) + "trailer").ok());
   for (std::size_t size = 0; size < file.size(); ++size) {
     const Status status = mov(file.substr(0, size));
     CHECK((status.ok() || status.code() == StatusCode::kInvalidFile));

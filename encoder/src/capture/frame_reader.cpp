@@ -6,10 +6,13 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <cerrno>
 #include <cmath>
+#include <mutex>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
+#include <set>
 
 #include "file_kind.h"
 #include "matroska_tracks.h"
@@ -49,7 +52,29 @@ std::uint64_t stored_bytes(const CaptureFile& file, off_t size) {
   return bytes;
 }
 
-// Rejects what FFmpeg would expand to much memory when it opens the file. `bytes`: without holes.
+// Files that check_tables() has accepted: device, number, bytes, and time of the last change in
+// seconds and nanoseconds. A file is opened several times.
+class AcceptedFiles {
+ public:
+  using Version = std::array<std::int64_t, 5>;
+
+  bool has(const Version& version) {
+    const std::lock_guard lock(mutex_);
+    return files_.contains(version);
+  }
+  void add(const Version& version) {
+    const std::lock_guard lock(mutex_);
+    if (files_.size() >= 2 * kCaptureLimits.cameras) files_.clear();
+    files_.insert(version);
+  }
+
+ private:
+  std::mutex mutex_;
+  std::set<Version> files_;
+};
+
+// Rejects files for which FFmpeg would allocate much more memory than their size. `bytes`: without
+// holes.
 Status check_tables(const CaptureFile& file, std::span<const std::uint8_t> begin,
                     std::uint64_t bytes, const std::string& path) {
   const bool is_mov = begins_with_box(begin);
@@ -82,7 +107,12 @@ Result<OpenVideo> open_video(const CaptureFolder& files, const SourceCamera& cam
   }
   STGS_TRY(check_video_kind(begin, path, fmt::format("video of camera '{}'", camera.name)));
   const std::uint64_t bytes = stored_bytes(file, stored.st_size);
-  STGS_TRY(check_tables(file, begin, bytes, path));
+  static AcceptedFiles accepted;
+  const AcceptedFiles::Version version{static_cast<std::int64_t>(stored.st_dev),
+                                       static_cast<std::int64_t>(stored.st_ino), stored.st_size,
+                                       stored.st_mtim.tv_sec, stored.st_mtim.tv_nsec};
+  if (!accepted.has(version)) STGS_TRY(check_tables(file, begin, bytes, path));
+  accepted.add(version);
   // By the descriptor, so that FFmpeg reads the file that was checked.
   cv::VideoCapture video(file.name(), cv::CAP_FFMPEG);
   if (!video.isOpened()) {

@@ -7,132 +7,116 @@
 #include <string_view>
 
 #include "file_window.h"
+#include "mov_tables.h"
 
 namespace stgs::encoder {
 namespace {
 
 using std::string_view_literals::operator""sv;
 
-// A sample takes so many bytes with its place in a table, or less if it is smaller, as uncompressed
-// sound.
-constexpr std::uint64_t kSampleBytes = 4;
-constexpr std::uint64_t kAnyFile = 65536 * kSampleBytes, kFewEdits = 4;
 constexpr int kMaxDepth = 10;
 constexpr std::uint64_t kMaxSearched = std::uint64_t{16} << 20;
 
-// Boxes that contain boxes, and nothing else.
-constexpr std::array kContainers = {"moov"sv, "trak"sv, "mdia"sv, "minf"sv, "stbl"sv,
-                                    "edts"sv, "mvex"sv, "moof"sv, "traf"sv, "dinf"sv,
-                                    "udta"sv, "tref"sv, "sinf"sv, "schi"sv, "ilst"sv};
+// Boxes that contain boxes, and nothing else. FFmpeg reads a free box that contains a movie.
+constexpr std::array kContainers = {"moov"sv, "trak"sv, "mdia"sv, "minf"sv, "stbl"sv, "edts"sv,
+                                    "mvex"sv, "moof"sv, "traf"sv, "dinf"sv, "udta"sv, "tref"sv,
+                                    "sinf"sv, "schi"sv, "ilst"sv, "free"sv, "hoov"sv};
 // Boxes in which FFmpeg finds boxes after other fields.
-constexpr std::array kMixed = {"stsd"sv, "meta"sv, "wave"sv, "iprp"sv};
-// Boxes that FFmpeg reads as a moov box if one of these is their first box.
-constexpr std::array kHiding = {"free"sv, "hoov"sv};
-constexpr std::array kMovie = {"mvhd"sv, "cmov"sv};
-// Boxes that state samples.
-constexpr std::array kTables = {"stsz"sv, "stz2"sv, "trun"sv, "elst"sv, "cmov"sv};
+constexpr std::array kMixed = {"stsd"sv, "wave"sv, "iprp"sv};
+constexpr std::array kEncryption = {"saiz"sv, "saio"sv, "senc"sv};
 
 template <std::size_t kCount>
 bool is_one_of(const std::array<std::string_view, kCount>& kinds, std::string_view kind) {
   return std::find(kinds.begin(), kinds.end(), kind) != kinds.end();
 }
 
-struct Box {
-  std::string kind;
-  std::uint64_t begin = 0, end = 0;  // of its content
-};
-
+// Walks the boxes of a file as FFmpeg does (libavformat/mov.c, mov_read_default).
 class Walk {
  public:
-  explicit Walk(const ByteSource& file) : file_(file) {}
+  explicit Walk(const ByteSource& file) : file_(file), tables_(file_) {}
 
   // `bytes`: that the samples may take.
   Status run(std::uint64_t bytes) {
     STGS_TRY(children(0, file_.size(), 0));
-    const std::uint64_t copies = edits_ <= kFewEdits ? 1 : edits_;
-    if (bytes_ <= (kAnyFile + bytes) / copies) return {};
-    return damaged("states more samples than its bytes can hold");
+    return tables_.fit(bytes) ? Status() : damaged("states more samples than its bytes can hold");
   }
 
  private:
   Status damaged(std::string_view what) const {
     return invalid_file(
-        "{}: the video {}; copy it into a new file (ffmpeg -i INPUT -c copy OUTPUT.mp4)",
+        "{}: the video {}; copy it into a new file (ffmpeg -i INPUT -c copy OUTPUT.mov)",
         file_.name(), what);
-  }
-
-  // Returns the box at `at`, which FFmpeg reads as far as `end`.
-  Result<Box> box_at(std::uint64_t at, std::uint64_t end) {
-    STGS_ASSIGN(std::uint64_t bytes, file_.number(at, 4));
-    STGS_ASSIGN(const std::string_view kind, file_.bytes(at + 4, 4));
-    Box box{std::string(kind), at + 8, end};
-    if (bytes == 1) {
-      STGS_ASSIGN(bytes, file_.number(at + 8, 8));
-      box.begin = at + 16;
-    }
-    const std::uint64_t head = box.begin - at;
-    if (bytes == 0) return box;  // to the end
-    if (bytes < head) return damaged("has a box without its header");
-    box.begin = std::min(box.begin, end);
-    box.end = box.begin + std::min(bytes - head, end - box.begin);
-    return box;
   }
 
   Status children(std::uint64_t at, std::uint64_t end, int depth) {
     if (depth > kMaxDepth) return damaged("nests boxes too deep");
     while (at + 8 <= end) {
-      STGS_ASSIGN(const Box box, box_at(at, end));
-      STGS_TRY(visit(box, depth));
-      at = box.end;
+      STGS_ASSIGN(std::uint64_t bytes, file_.number(at, 4));
+      STGS_ASSIGN(const std::string_view text, file_.bytes(at + 4, 4));
+      const std::string kind(text);
+      std::uint64_t begin = at + 8;
+      if (bytes == 1) {
+        STGS_ASSIGN(bytes, file_.number(begin, 8));
+        begin += 8;
+        if (bytes == 8) bytes = 0;
+      }
+      if (bytes == 0) bytes = end - at;  // to the end
+      if (begin > end || bytes < begin - at) return {};
+      at = std::min(end, bytes > end - at ? end : at + bytes);
+      STGS_TRY(visit({kind, begin, at}, depth));
     }
     return {};
   }
 
-  Status visit(const Box& box, int depth) {
-    if (is_one_of(kContainers, box.kind)) return children(box.begin, box.end, depth + 1);
-    if (is_one_of(kMixed, box.kind)) return search(box);
-    if (is_one_of(kHiding, box.kind)) {
-      STGS_ASSIGN(const std::string_view first, file_.bytes(box.begin + 4, 4));
-      if (is_one_of(kMovie, first)) return damaged("has its tables in a box of free space");
+  Status visit(const MovBox& box, int depth) {
+    if (is_one_of(kContainers, box.kind)) {
+      tables_.begin(box);
+      STGS_TRY(children(box.begin, box.end, depth + 1));
+      return tables_.end(box) ? Status()
+                              : damaged("has too many tracks, or an invalid table of chunks");
     }
+    if (box.kind == "meta") return visit_metadata(box, depth);
+    if (is_one_of(kMixed, box.kind)) return visit_description(box);
     if (box.kind == "cmov") return damaged("has compressed tables");
-    return is_one_of(kTables, box.kind) ? add_table(box) : Status();
+    if (is_one_of(kEncryption, box.kind)) return damaged("is encrypted");
+    return tables_.add(box) ? Status() : damaged("has a table that is longer than its box");
   }
 
-  // Adds the samples or edits of a table, whose content begins with a version and flags.
-  Status add_table(const Box& box) {
-    STGS_ASSIGN(const std::uint64_t first, file_.number(box.begin + 4, 4));
-    STGS_ASSIGN(const std::uint64_t second, file_.number(box.begin + 8, 4));
-    if (box.kind == "elst") {
-      edits_ = std::max(edits_, first);
-    } else if (box.kind == "trun") {
-      bytes_ += kSampleBytes * first;
-    } else if (box.kind == "stz2" || first == 0) {
-      bytes_ += kSampleBytes * second;
-    } else {
-      bytes_ += std::min(first, kSampleBytes) * second;
+  // The boxes begin with that of kind hdlr, in steps of 4 bytes.
+  Status visit_metadata(const MovBox& box, int depth) {
+    for (std::uint64_t at = box.begin; at + 8 < box.end; at += 4) {
+      STGS_ASSIGN(const std::string_view kind, file_.bytes(at, 4));
+      if (kind == "hdlr") return children(std::max(at, box.begin + 4) - 4, box.end, depth + 1);
     }
     return {};
   }
 
-  // Rejects a table anywhere in a box.
-  Status search(const Box& box) {
+  // Rejects a description with the kind of a table at any offset, or with entries that FFmpeg reads
+  // past the end of the box.
+  Status visit_description(const MovBox& box) {
+    constexpr std::uint64_t kMinEntry = 16, kVideoEntry = 86;  // bytes
     if (box.end - box.begin > kMaxSearched) return damaged("has a description of too many bytes");
     constexpr std::size_t kOverlap = 3;
     for (std::uint64_t at = box.begin; at < box.end; at += FileWindow::kBytes - kOverlap) {
       const auto count =
           static_cast<std::size_t>(std::min<std::uint64_t>(FileWindow::kBytes, box.end - at));
       STGS_ASSIGN(const std::string_view text, file_.bytes(at, count));
-      for (const std::string_view table : kTables) {
-        if (text.find(table) != text.npos) return damaged("has tables in a description");
-      }
+      if (has_mov_table(text)) return damaged("has tables in a description");
+    }
+    if (box.kind != "stsd") return {};
+    STGS_ASSIGN(const std::uint64_t entries, file_.number(box.begin + 4, 4));
+    std::uint64_t at = box.begin + 8;
+    for (std::uint64_t i = 0; i < entries && at < box.end; ++i) {
+      STGS_ASSIGN(const std::uint64_t bytes, file_.number(at, 4));
+      if (bytes < (entries > 1 ? kVideoEntry : kMinEntry) || bytes > box.end - at)
+        return damaged("has a damaged description");
+      at += bytes;
     }
     return {};
   }
 
   FileWindow file_;
-  std::uint64_t bytes_ = 0;  // that the samples take at least
-  std::uint64_t edits_ = 0;  // of the track that has most
+  MovTables tables_;
 };
 
 }  // namespace

@@ -20,10 +20,10 @@ using encoder::CaptureFile;
 using encoder::CaptureFolder;
 
 // Other requests wait while the scene of an audio file is searched. The next request continues
-// where this one ended: it knows the audio of these scenes.
+// where this one ended: it knows the audio files of the scenes so far.
 constexpr std::chrono::seconds kMaxSearch(1);
 
-constexpr std::uint64_t kMaxHead = 16 << 20;  // bytes, of such a scene
+constexpr std::uint64_t kMaxHead = 16 << 20;  // memory for the head of such a scene, bytes
 
 // Names of the scenes below a folder, sorted.
 class SceneSearch {
@@ -82,7 +82,7 @@ Result<CaptureFile> ServedScenes::open_scene(const std::string& name) const {
 }
 
 std::string ServedScenes::audio_of(const std::string& scene) const {
-  const auto file = folder_->open_file(folder_->path() + "/" + scene);
+  auto file = folder_->open_file(folder_->path() + "/" + scene);
   struct stat info {};
   if (!file.ok() || ::fstat(file->descriptor(), &info) != 0) return {};
   const Version version{static_cast<std::int64_t>(info.st_dev),
@@ -92,19 +92,20 @@ std::string ServedScenes::audio_of(const std::string& scene) const {
   const auto known = audio_.find(version);
   if (known != audio_.end()) return known->second;
   if (audio_.size() >= kMaxListed) audio_.clear();
-  return audio_[version] = read_audio_of(scene);
+  const Result<std::string> audio = read_audio_of(std::move(*file), scene);
+  if (!audio.ok() && audio.status().code() != StatusCode::kInvalidFile) return {};
+  return audio_[version] = audio.ok() ? *audio : "";
 }
 
-std::string ServedScenes::read_audio_of(const std::string& scene) const {
-  auto source = folder_->open_source(folder_->path() + "/" + scene);
-  if (!source.ok()) return {};
+Result<std::string> ServedScenes::read_audio_of(CaptureFile file, const std::string& scene) {
+  STGS_ASSIGN(std::unique_ptr<ByteSource> source, descriptor_source(file.release(), scene));
   ReadLimits limits;
   limits.max_opening = kMaxHead;
-  const auto reader = SceneReader::open(std::move(source).value(), limits,
-                                        std::pmr::get_default_resource(), IndexLoading::kOnDemand);
-  if (!reader.ok() || (*reader)->metadata().audio.empty()) return {};
-  const auto path = audio_path((*reader)->metadata().audio);
-  return path.ok() ? *path : std::string();
+  STGS_ASSIGN(const std::unique_ptr<SceneReader> reader,
+              SceneReader::open(std::move(source), limits, std::pmr::get_default_resource(),
+                                IndexLoading::kOnDemand));
+  if (reader->metadata().audio.empty()) return std::string();
+  return audio_path(reader->metadata().audio);
 }
 
 std::vector<std::string> ServedScenes::scenes_in(const std::string& below) const {
@@ -122,6 +123,7 @@ std::vector<std::string> ServedScenes::scenes_in(const std::string& below) const
 }
 
 Result<CaptureFile> ServedScenes::open_audio(const std::string& name) const {
+  namespace fs = std::filesystem;
   const Status refused = io_error("{}: not served", name);
   const auto normal = audio_path(escape_url(name, kUrlPath));
   if (!normal.ok() || *normal != name) return refused;
@@ -129,7 +131,10 @@ Result<CaptureFile> ServedScenes::open_audio(const std::string& name) const {
   std::size_t examined = 0, end = is_folder() ? name.rfind('/') + 1 : 0;
   for (int level = 0; level <= kMaxDepth; ++level) {
     const std::string below = name.substr(0, end), path = folder_->path() + "/";
-    const auto scenes = is_folder() ? scenes_in(below) : std::vector<std::string>{target_};
+    auto scenes = is_folder() ? scenes_in(below) : std::vector<std::string>{target_};
+    std::stable_partition(scenes.begin(), scenes.end(), [&](const std::string& scene) {
+      return fs::path(scene).stem() == fs::path(name).stem();
+    });
     for (const std::string& scene : scenes) {
       if (++examined > kMaxListed || interrupted() || std::chrono::steady_clock::now() > last) {
         return refused;

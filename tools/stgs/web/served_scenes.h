@@ -41,8 +41,8 @@ class ServedScenes {
 
   // Opens an audio file by its path below the folder. kIo unless a scene that is served names it:
   // its own scene, or one in the same folder or up to kMaxDepth folders above. Reads the heads of
-  // up to kMaxListed scenes, nearest ones first, for a second or until a signal arrives. Links that
-  // leave the folder of the scene are not followed.
+  // up to kMaxListed scenes, nearest ones and those of the same name first, for a second or until a
+  // signal arrives. Links that leave the folder of the scene are not followed.
   Result<encoder::CaptureFile> open_audio(const std::string& name) const;
 
   // Returns the scenes of a folder as JSON (SceneList of sdk/web/src/viewer/sources.ts). `prefix`
@@ -53,7 +53,7 @@ class ServedScenes {
   // Returns the path of the audio file of a scene, relative to its folder; "" if there is none.
   // `scene`: path below the folder.
   std::string audio_of(const std::string& scene) const;
-  std::string read_audio_of(const std::string& scene) const;
+  static Result<std::string> read_audio_of(encoder::CaptureFile file, const std::string& scene);
   // Returns the paths of scenes directly in a folder, given below the served one and with "/" at
   // its end, or "".
   std::vector<std::string> scenes_in(const std::string& below) const;
@@ -62,7 +62,7 @@ class ServedScenes {
   using Version = std::array<std::int64_t, 5>;
 
   mutable std::mutex mutex_;
-  mutable std::map<Version, std::string> audio_;  // what audio_of() returned
+  mutable std::map<Version, std::string> audio_;  // paths of audio files
   std::string file_name_, target_;                // of a file: its name, and that in the folder
   std::shared_ptr<const encoder::CaptureFolder> folder_;
 };
