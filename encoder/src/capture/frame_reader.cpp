@@ -1,25 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "frame_reader.h"
 
-#include <fcntl.h>
-#include <sys/stat.h>
-#include <unistd.h>
-
 #include <algorithm>
-#include <array>
-#include <cerrno>
 #include <cmath>
-#include <mutex>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
-#include <set>
 
 #include "file_kind.h"
-#include "matroska_tracks.h"
-#include "mov_samples.h"
 #include "png_text.h"
 #include "stgs/encoder/image_file.h"
-#include "stgs/format/byte_source.h"
+#include "video_file.h"
 
 namespace stgs::encoder {
 namespace {
@@ -37,54 +27,6 @@ constexpr std::uint64_t kRepeatedBytes = std::uint64_t{16} << 20;
 // the file, and at least as so many bytes.
 constexpr std::uint64_t kUnreadShare = 64, kUnreadBytes = std::uint64_t{256} << 10;
 
-// Returns the bytes of a file of `size` bytes without its holes; all if the file system does not
-// report them.
-std::uint64_t stored_bytes(const CaptureFile& file, off_t size) {
-  std::uint64_t bytes = 0;
-  for (off_t begin = 0; begin < size;) {
-    begin = ::lseek(file.descriptor(), begin, SEEK_DATA);
-    if (begin < 0 && errno == ENXIO) break;  // a hole at the end
-    const off_t end = begin < 0 ? begin : ::lseek(file.descriptor(), begin, SEEK_HOLE);
-    if (end < 0) return static_cast<std::uint64_t>(size);
-    bytes += static_cast<std::uint64_t>(end - begin);
-    begin = end;
-  }
-  return bytes;
-}
-
-// Files that check_tables() has accepted: device, number, bytes, and time of the last change in
-// seconds and nanoseconds. A file is opened several times.
-class AcceptedFiles {
- public:
-  using Version = std::array<std::int64_t, 5>;
-
-  bool has(const Version& version) {
-    const std::lock_guard lock(mutex_);
-    return files_.contains(version);
-  }
-  void add(const Version& version) {
-    const std::lock_guard lock(mutex_);
-    if (files_.size() >= 2 * kCaptureLimits.cameras) files_.clear();
-    files_.insert(version);
-  }
-
- private:
-  std::mutex mutex_;
-  std::set<Version> files_;
-};
-
-// Rejects files for which FFmpeg would allocate much more memory than their size. `bytes`: without
-// holes.
-Status check_tables(const CaptureFile& file, std::span<const std::uint8_t> begin,
-                    std::uint64_t bytes, const std::string& path) {
-  const bool is_mov = begins_with_box(begin);
-  if (!is_mov && !begins_with_matroska(begin)) return {};  // AVI
-  const int own = ::fcntl(file.descriptor(), F_DUPFD_CLOEXEC, 0);
-  if (own < 0) return io_error("{}: cannot read: {}", path, system_message(errno));
-  STGS_ASSIGN(const auto source, descriptor_source(own, path));
-  return is_mov ? check_mov_samples(*source, bytes) : check_matroska_tracks(*source);
-}
-
 struct OpenVideo {
   cv::VideoCapture capture;
   std::uint64_t bytes;  // of the file, without holes
@@ -97,22 +39,8 @@ Result<OpenVideo> open_video(const CaptureFolder& files, const SourceCamera& cam
     return io_error("{}: video of camera '{}': not a regular file", path, camera.name);
   }
   STGS_ASSIGN(const CaptureFile file, files.open_file(path));
-  std::vector<std::uint8_t> begin(kVideoProbeBytes);
-  const ssize_t got = ::pread(file.descriptor(), begin.data(), begin.size(), 0);
-  if (got < 0) return io_error("{}: cannot read: {}", path, system_message(errno));
-  begin.resize(static_cast<std::size_t>(got));
-  struct stat stored = {};
-  if (::fstat(file.descriptor(), &stored) != 0) {
-    return io_error("{}: cannot read: {}", path, system_message(errno));
-  }
-  STGS_TRY(check_video_kind(begin, path, fmt::format("video of camera '{}'", camera.name)));
-  const std::uint64_t bytes = stored_bytes(file, stored.st_size);
-  static AcceptedFiles accepted;
-  const AcceptedFiles::Version version{static_cast<std::int64_t>(stored.st_dev),
-                                       static_cast<std::int64_t>(stored.st_ino), stored.st_size,
-                                       stored.st_mtim.tv_sec, stored.st_mtim.tv_nsec};
-  if (!accepted.has(version)) STGS_TRY(check_tables(file, begin, bytes, path));
-  accepted.add(version);
+  STGS_ASSIGN(const std::uint64_t bytes,
+              check_video_file(file, path, fmt::format("video of camera '{}'", camera.name)));
   // By the descriptor, so that FFmpeg reads the file that was checked.
   cv::VideoCapture video(file.name(), cv::CAP_FFMPEG);
   if (!video.isOpened()) {

@@ -23,7 +23,7 @@ Result<cv::Mat> decode_file(const CaptureFolder& files, const std::string& path,
                             const std::string& what, int flags);
 
 // Decodes the first frame and returns the properties of all. Errors name file and camera.
-// kInvalidFile for more than kCaptureLimits.frames, for a video that check_video_kind() refuses or
+// kInvalidFile for more than kCaptureLimits.frames, for a video that check_video_file() refuses or
 // whose header states too many pixels, and for one that states more frames than its bytes can hold:
 // fewer than 8 bytes per frame, or more than 2^20 pixels per byte.
 Result<FrameInfo> probe_frames(const CaptureFolder& files, const SourceCamera& camera);
