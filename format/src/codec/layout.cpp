@@ -317,6 +317,11 @@ bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t max_tables,
                    max_layouts, layouts);
     return false;
   }
+  // At most those that the bytes and the limit below allow. A layout takes a byte at least.
+  static_assert(sizeof(Layout) <= kRowMemory);
+  set.layouts.reserve(
+      set.layouts.size() +
+      std::min({layouts, in.left(), static_cast<std::size_t>(kFreeRows + memory / kRowMemory)}));
   for (std::size_t i = 0; i < layouts && in.ok(); ++i) {
     Layout layout;
     const std::uint64_t entries = set.entries += 1 + read_layout(in, offset, set, layout);
@@ -326,9 +331,6 @@ bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t max_tables,
                            entries, memory);
       return false;
     }
-    // Grows by a quarter: doubling would take three times the memory of layouts without rows.
-    if (const std::size_t size = set.layouts.size(); size == set.layouts.capacity())
-      set.layouts.reserve(size + std::max<std::size_t>(64, size / 4));
     set.layouts.push_back(std::move(layout));
   }
   if (!in.ok()) {
