@@ -3,6 +3,7 @@
 #include "capture_fixture.h"
 #include "catch.h"
 #include "fixtures/video_tables.h"
+#include "src/capture/file_window.h"
 #include "src/capture/matroska_tracks.h"
 #include "src/capture/mov_samples.h"
 #include "src/capture/png_text.h"
@@ -107,6 +108,27 @@ TEST_CASE("tables of an MP4 file are found where FFmpeg finds them") {
     const Status status = mov(file.substr(0, size));
     CHECK((status.ok() || status.code() == StatusCode::kInvalidFile));
   }
+}
+
+// A file whose reads fail after the first window.
+class FailingSource final : public ByteSource {
+ public:
+  explicit FailingSource(const std::string& text) : source_(source_of(text)) {}
+  std::uint64_t size() const override { return source_->size(); }
+  const std::string& name() const override { return source_->name(); }
+  Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
+    return offset < FileWindow::kBytes ? source_->read(offset, out) : io_error("read failed");
+  }
+
+ private:
+  std::unique_ptr<ByteSource> source_;
+};
+
+TEST_CASE("a failed read of a table is an error") {
+  // The content of the table begins at the second window.
+  const FailingSource file(mp4_box("skip", std::string(FileWindow::kBytes - 16, 'x')) +
+                           mp4_table("stts", 1, std::string(8, '\1')));
+  CHECK(check_mov_samples(file, file.size()).code() == StatusCode::kIo);
 }
 
 TEST_CASE("holes of a video file count as nothing") {

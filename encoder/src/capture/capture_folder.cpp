@@ -105,6 +105,15 @@ std::string CaptureFile::name() const {
   return fmt::format("/proc/self/fd/{}", descriptor_);
 }
 
+Result<FileVersion> CaptureFile::version(const std::string& path) const {
+  struct stat info = {};
+  if (::fstat(descriptor_, &info) != 0) {
+    return io_error("{}: cannot read: {}", path, system_message(errno));
+  }
+  return FileVersion{
+      {info.st_dev, info.st_ino}, info.st_size, info.st_mtim.tv_sec, info.st_mtim.tv_nsec};
+}
+
 Result<std::shared_ptr<const CaptureFolder>> CaptureFolder::open(const std::string& path,
                                                                  bool allow_outside,
                                                                  Lookup lookup) {

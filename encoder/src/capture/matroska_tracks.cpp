@@ -17,7 +17,8 @@ constexpr std::uint64_t kTrackEntry = 0xAE, kTrackType = 0x83, kContentEncodings
                         kContentCompression = 0x5034, kContentCompAlgo = 0x4254,
                         kContentCompSettings = 0x4255;
 constexpr std::uint64_t kHeaderStripping = 3, kSubtitles = 0x11, kFrames = 1;
-// First bytes that are left out. FFmpeg adds them to each of up to 256 frames of a block.
+// Limit of the first bytes that a writer leaves out of each frame. FFmpeg adds them to each of up
+// to 256 frames of a block.
 constexpr std::uint64_t kMaxSettings = 64;
 constexpr std::size_t kMaxTracks = 1000;
 // Of all tables together: a track has fewer than 100. Other bytes that match their id have few.
@@ -25,7 +26,7 @@ constexpr std::size_t kMaxElements = 1 << 16;
 
 struct Element {
   std::uint64_t id = 0, begin = 0, end = 0;  // of its content
-  bool is_unknown = false;  // its size: FFmpeg ends it at an element that it cannot contain
+  bool is_unknown = false;  // without a size: it ends before an element that it cannot contain
 };
 
 class Tracks {

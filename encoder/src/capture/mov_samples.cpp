@@ -35,9 +35,11 @@ class Walk {
  public:
   explicit Walk(const ByteSource& file) : file_(file), tables_(file_) {}
 
-  // `bytes`: that the samples may take.
+  // `bytes`: limit of the samples.
   Status run(std::uint64_t bytes) {
-    STGS_TRY(children(0, file_.size(), 0));
+    const Status walked = children(0, file_.size(), 0);
+    STGS_TRY(tables_.failure());
+    STGS_TRY(walked);
     return tables_.fit(bytes) ? Status() : damaged("states more samples than its bytes can hold");
   }
 
@@ -82,7 +84,7 @@ class Walk {
     return tables_.add(box) ? Status() : damaged("has a table that is longer than its box");
   }
 
-  // The boxes begin with that of kind hdlr, in steps of 4 bytes.
+  // Finds the first box, which has the kind hdlr, in steps of 4 bytes.
   Status visit_metadata(const MovBox& box, int depth) {
     for (std::uint64_t at = box.begin; at + 8 < box.end; at += 4) {
       STGS_ASSIGN(const std::string_view kind, file_.bytes(at, 4));

@@ -40,7 +40,9 @@ bool has_mov_table(std::string_view text) {
 
 std::uint64_t MovTables::number(std::uint64_t at, std::size_t bytes) {
   const Result<std::uint64_t> value = file_.number(at, bytes);
-  return value.ok() ? *value : 0;
+  if (value.ok()) return *value;
+  if (failure_.ok()) failure_ = value.status();
+  return 0;
 }
 
 bool MovTables::holds(const MovBox& box, std::uint64_t at, std::uint64_t entries,

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the tables of an MP4 or MOV file (ISO/IEC 14496-12) make FFmpeg allocate when it opens the
-// file: an entry of 24 bytes for each sample, or for each 160 samples of a chunk of sound, and
-// again for each edit; a number for each sample of a table of offsets or groups; and an entry for
-// each fragment and track.
+// Counts the memory that FFmpeg allocates for the tables of an MP4 or MOV file (ISO/IEC 14496-12)
+// when it opens the file: an entry of 24 bytes for each sample, or for each 160 samples of a chunk
+// of sound, and again for each edit; a number for each sample of a table of offsets or groups; and
+// an entry for each fragment and track.
 #pragma once
 
 #include <cstdint>
@@ -22,7 +22,7 @@ struct MovBox {
 // Returns whether a text contains the kind of a table.
 bool has_mov_table(std::string_view text);
 
-// Adds the tables of a file. Files that cannot be read count as files with zeros.
+// Adds the tables of a file. One thread at a time.
 class MovTables {
  public:
   // `file` must outlive the object.
@@ -36,6 +36,8 @@ class MovTables {
   bool add(const MovBox& box);
   // Returns whether a file of so many bytes can hold the samples.
   bool fit(std::uint64_t bytes) const;
+  // Returns the first failure of a read; the results of the other functions are invalid after it.
+  const Status& failure() const { return failure_; }
 
  private:
   std::uint64_t number(std::uint64_t at, std::size_t bytes = 4);
@@ -47,11 +49,14 @@ class MovTables {
   bool add_chunks(const MovBox& runs);
 
   FileWindow& file_;
-  std::uint64_t samples_ = 0, chunked_ = 0, offsets_ = 0, groups_ = 0;  // bytes that they take
+  // Fewest bytes of the samples: of all, of those in chunks, and by the counts of offsets and
+  // groups.
+  std::uint64_t samples_ = 0, chunked_ = 0, offsets_ = 0, groups_ = 0;
   std::uint64_t edits_ = 0;  // of the track that has most
   std::uint64_t fragments_ = 0, tracks_ = 0;
-  std::uint64_t chunks_ = 0;  // of the track
-  std::vector<MovBox> runs_;  // of chunks with as many samples, of the track
+  std::uint64_t chunks_ = 0;  // of the present track
+  std::vector<MovBox> runs_;  // the tables of its chunks (stsc)
+  Status failure_;
 };
 
 }  // namespace stgs::encoder

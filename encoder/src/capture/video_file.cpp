@@ -2,10 +2,8 @@
 #include "video_file.h"
 
 #include <fcntl.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
-#include <array>
 #include <cerrno>
 #include <mutex>
 #include <set>
@@ -22,7 +20,7 @@ namespace {
 
 // Returns the bytes of a file of `size` bytes without its holes; all if the file system does not
 // report them.
-std::uint64_t stored_bytes(const CaptureFile& file, off_t size) {
+std::uint64_t stored_bytes(const CaptureFile& file, std::int64_t size) {
   std::uint64_t bytes = 0;
   for (off_t begin = 0; begin < size;) {
     begin = ::lseek(file.descriptor(), begin, SEEK_DATA);
@@ -38,14 +36,11 @@ std::uint64_t stored_bytes(const CaptureFile& file, off_t size) {
 // Files that check_tables() has accepted. A file is opened several times.
 class AcceptedFiles {
  public:
-  // Device, number, bytes, and time of the last change in seconds and nanoseconds.
-  using Version = std::array<std::int64_t, 5>;
-
-  bool has(const Version& version) {
+  bool has(const FileVersion& version) {
     const std::lock_guard lock(mutex_);
     return files_.contains(version);
   }
-  void add(const Version& version) {
+  void add(const FileVersion& version) {
     const std::lock_guard lock(mutex_);
     if (files_.size() >= 2 * kCaptureLimits.cameras) files_.clear();
     files_.insert(version);
@@ -53,7 +48,7 @@ class AcceptedFiles {
 
  private:
   std::mutex mutex_;
-  std::set<Version> files_;
+  std::set<FileVersion> files_;
 };
 
 // Rejects files for which FFmpeg would allocate much more memory than their size. `bytes`: without
@@ -76,16 +71,10 @@ Result<std::uint64_t> check_video_file(const CaptureFile& file, const std::strin
   const ssize_t got = ::pread(file.descriptor(), begin.data(), begin.size(), 0);
   if (got < 0) return io_error("{}: cannot read: {}", path, system_message(errno));
   begin.resize(static_cast<std::size_t>(got));
-  struct stat stored = {};
-  if (::fstat(file.descriptor(), &stored) != 0) {
-    return io_error("{}: cannot read: {}", path, system_message(errno));
-  }
   STGS_TRY(check_video_kind(begin, path, what));
-  const std::uint64_t bytes = stored_bytes(file, stored.st_size);
+  STGS_ASSIGN(const FileVersion version, file.version(path));
+  const std::uint64_t bytes = stored_bytes(file, version.bytes);
   static AcceptedFiles accepted;
-  const AcceptedFiles::Version version{static_cast<std::int64_t>(stored.st_dev),
-                                       static_cast<std::int64_t>(stored.st_ino), stored.st_size,
-                                       stored.st_mtim.tv_sec, stored.st_mtim.tv_nsec};
   if (!accepted.has(version)) STGS_TRY(check_tables(file, begin, bytes, path));
   accepted.add(version);
   return bytes;

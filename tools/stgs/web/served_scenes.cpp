@@ -83,18 +83,16 @@ Result<CaptureFile> ServedScenes::open_scene(const std::string& name) const {
 
 std::string ServedScenes::audio_of(const std::string& scene) const {
   auto file = folder_->open_file(folder_->path() + "/" + scene);
-  struct stat info {};
-  if (!file.ok() || ::fstat(file->descriptor(), &info) != 0) return {};
-  const Version version{static_cast<std::int64_t>(info.st_dev),
-                        static_cast<std::int64_t>(info.st_ino), info.st_size, info.st_mtim.tv_sec,
-                        info.st_mtim.tv_nsec};
+  if (!file.ok()) return {};
+  const auto version = file->version(scene);
+  if (!version.ok()) return {};
   const std::lock_guard lock(mutex_);
-  const auto known = audio_.find(version);
+  const auto known = audio_.find(*version);
   if (known != audio_.end()) return known->second;
   if (audio_.size() >= kMaxListed) audio_.clear();
   const Result<std::string> audio = read_audio_of(std::move(*file), scene);
   if (!audio.ok() && audio.status().code() != StatusCode::kInvalidFile) return {};
-  return audio_[version] = audio.ok() ? *audio : "";
+  return audio_[*version] = audio.ok() ? *audio : "";
 }
 
 Result<std::string> ServedScenes::read_audio_of(CaptureFile file, const std::string& scene) {

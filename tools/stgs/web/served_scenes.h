@@ -3,7 +3,6 @@
 // files that they name.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <map>
 #include <memory>
@@ -58,12 +57,9 @@ class ServedScenes {
   // its end, or "".
   std::vector<std::string> scenes_in(const std::string& below) const;
 
-  // Of a file: device, number, bytes, and time of the last change in seconds and nanoseconds.
-  using Version = std::array<std::int64_t, 5>;
-
   mutable std::mutex mutex_;
-  mutable std::map<Version, std::string> audio_;  // paths of audio files
-  std::string file_name_, target_;                // of a file: its name, and that in the folder
+  mutable std::map<encoder::FileVersion, std::string> audio_;  // paths of audio files
+  std::string file_name_, target_;  // of a file: its name, and that in the folder
   std::shared_ptr<const encoder::CaptureFolder> folder_;
 };
 

@@ -44,6 +44,21 @@ Status check_frame_limit(std::uint64_t frames, const std::string& where);
 // Returns whether a name has no control characters, so that it can be shown and be a file name.
 bool is_printable(std::string_view name);
 
+// Identifies a file or folder, whatever path or link leads to it.
+struct FileId {
+  dev_t device = 0;
+  ino_t inode = 0;
+  auto operator<=>(const FileId&) const = default;
+};
+
+// Changes when a file is written.
+struct FileVersion {
+  FileId id;
+  std::int64_t bytes = 0;
+  std::int64_t seconds = 0, nanoseconds = 0;  // of the last change
+  auto operator<=>(const FileVersion&) const = default;
+};
+
 // An open regular file. Owns the descriptor.
 class CaptureFile {
  public:
@@ -62,16 +77,11 @@ class CaptureFile {
   int release();
   // Returns a path of this open file, for libraries that open by name. Valid while the object is.
   std::string name() const;
+  // Returns the present version. kIo, with `path` in the message, if the system does not state it.
+  Result<FileVersion> version(const std::string& path) const;
 
  private:
   int descriptor_;
-};
-
-// Identifies a file or folder, whatever path or link leads to it.
-struct FileId {
-  dev_t device = 0;
-  ino_t inode = 0;
-  auto operator<=>(const FileId&) const = default;
 };
 
 // Thread-safe. Paths are the path of the folder, "/" and a name below it.

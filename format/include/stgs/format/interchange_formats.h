@@ -69,7 +69,7 @@ struct InterchangeFormat {
 // Returns all formats except .stgs, in the order in which readers are tried.
 std::span<const InterchangeFormat> interchange_formats();
 // Returns the format of a file or folder, by its content; null for .stgs and unknown formats.
-// `limits`: those with which it is read then.
+// `limits`: also for reading the file later.
 Result<const InterchangeFormat*> detect_format(const std::string& path,
                                                const ReadLimits& limits = {});
 // Reads a file or folder of the given format. kUnsupported if the format is only written.
