@@ -25,11 +25,17 @@ from display import Display  # noqa: E402
 BLOCK = re.compile(r"(<!-- not run: .+? -->\n+)?```sh\n(.*?)```", re.DOTALL)
 # Enough to check that a command works, not to judge its result.
 SHORTENED = {
-    "prepare": ["--scale", "0.15", "--frames", "0:3"],
+    "prepare": ["--scale", "0.15"],
     "train": ["--iterations", "20"],
     "play": ["--screenshot", "window.png", "--size", "320x180"],
     "encode": ["--scale", "0.15", "--frames", "0:3", "--iterations", "20"],
 }
+
+
+def frames_of(text):
+    """Returns the frames to prepare for a page: 3, or as many as its commands train."""
+    trained = re.findall(r"stgs train [^\n]*--frames \d+:(\d+)", text)
+    return f"0:{max([3, *map(int, trained)])}"
 
 
 def commands(block):
@@ -103,6 +109,7 @@ def main():
     page, stgs, sample = (os.path.abspath(path) for path in sys.argv[1:])
     with open(page, encoding="utf-8") as file:
         text = file.read()
+    SHORTENED["prepare"] += ["--frames", frames_of(text)]
     problems, ran, checked, expected = [], 0, 0, False
     with tempfile.TemporaryDirectory() as folder:
         os.symlink(sample, os.path.join(folder, "capture"))
