@@ -118,9 +118,9 @@ std::string failure_reason(const std::string& log_path) {
   }
   if (!error.empty()) return ": " + error;
   if (lines.empty()) return " without output";
-  std::string text = "; its last lines were:";
-  for (const std::string& line : lines) text += "\n  " + line;
-  return text;
+  std::string text;
+  for (const std::string& line : lines) text += (text.empty() ? "" : " | ") + line;
+  return "; its last lines were: " + text;
 }
 
 Status run_program(const std::vector<std::string>& arguments, const std::string& log_path,

@@ -62,11 +62,12 @@ Result<Layout> detect(const CaptureFolder& files) {
   for (const LayoutEntry& entry : kLayouts) {
     STGS_ASSIGN(const bool found, matches(entry.layout, files));
     if (found) return entry.layout;
-    evidence += fmt::format("\n  {}: {}", layout_name(entry.layout), entry.evidence);
+    if (!evidence.empty()) evidence += "; ";
+    evidence += fmt::format("{} ({})", entry.evidence, layout_name(entry.layout));
   }
   STGS_ASSIGN(const std::vector<SourceCamera> cameras, find_cameras(files));
   STGS_TRY(check_camera_count(files.path(), cameras));
-  return invalid_file("{}: unknown capture layout (see --layout); looked for:{}", files.path(),
+  return invalid_file("{}: unknown capture layout (see --layout); looked for {}", files.path(),
                       evidence);
 }
 
