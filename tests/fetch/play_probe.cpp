@@ -5,12 +5,13 @@
 //        play_probe play LOCATION LOCAL SECONDS [SEEK...]
 //   Plays LOCATION in a loop at 30 fps for SECONDS of wall-clock time and seeks to each time SEEK,
 //   0.3 s apart. Then pauses, waits up to 5 s for all layers, and compares the active primitives
-//   and a rendered frame with LOCAL, the same file on a disk.
+//   and a rendered frame with LOCAL, the same file on a disk. A read without data is retried after
+//   STALL_SECONDS of the environment, 1 if unset.
 //        play_probe seek LOCATION TIME...
 //   Shows the first frame. Half a second after it is complete, seeks to each TIME, a second apart,
 //   and waits up to 8 s until the last is ready. Has one read in flight at a time.
 //        play_probe follow LOCATION SECONDS
-//   Follows a recording until it ends, for at most SECONDS.
+//   Follows a recording until it ends, for at most SECONDS. STALL_SECONDS as above.
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
@@ -181,7 +182,8 @@ PlayerSettings quick_retries() {
   settings.retry_seconds = 0.1;
   settings.http.max_attempts = 2;
   settings.http.backoff_seconds = 0.02;
-  settings.http.stall_seconds = 1;
+  const char* stall = std::getenv("STALL_SECONDS");
+  settings.http.stall_seconds = stall ? std::atof(stall) : 1;
   settings.http.head_bytes = 4096;
   return settings;
 }

@@ -6,8 +6,8 @@
 
 namespace stgs::encoder {
 
-// Checks the memory that FFmpeg would allocate when it opens an MP4 or MOV file. `bytes`: size of the file
-// without holes. Returns kInvalidFile if
+// Checks the memory that FFmpeg would allocate when it opens an MP4 or MOV file. `bytes`: size of
+// the file without holes. Returns kInvalidFile if
 // - its tables state more samples than the bytes can hold: 65,536 and one for each 4 bytes, or for
 //   each 1 to 3 bytes if all samples of a table are so small; more than 4 edits of a track count
 //   all samples so many times; fragments times tracks have the same limit;
