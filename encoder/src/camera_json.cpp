@@ -13,28 +13,26 @@
 namespace stgs::encoder {
 namespace {
 
-using Json = nlohmann::ordered_json;
-
 // Throws std::runtime_error with the key and the expected type.
 template <typename T>
-T read_value(const Json& json, const char* key, const char* expected) {
+T read_value(const nlohmann::json& json, const char* key, const char* expected) {
   const auto entry = json.find(key);
   if (entry == json.end()) {
     throw std::runtime_error(fmt::format("\"{}\" is missing (expected {})", key, expected));
   }
   try {
     return entry->get<T>();
-  } catch (const Json::exception&) {
+  } catch (const nlohmann::json::exception&) {
     throw std::runtime_error(fmt::format("\"{}\" has the wrong type (expected {}, got {})", key,
                                          expected, entry->type_name()));
   }
 }
 
-double read_number(const Json& json, const char* key) {
+double read_number(const nlohmann::json& json, const char* key) {
   return read_value<double>(json, key, "a number");
 }
 
-void read_numbers(const Json& json, const char* key, std::span<double> out) {
+void read_numbers(const nlohmann::json& json, const char* key, std::span<double> out) {
   const auto values = read_value<std::vector<double>>(
       json, key, out.size() == 9 ? "a list of 9 numbers" : "a list of 3 numbers");
   if (values.size() != out.size()) {
@@ -45,7 +43,7 @@ void read_numbers(const Json& json, const char* key, std::span<double> out) {
 }
 
 // Checks the range before the conversion, which is undefined for values that no int represents.
-int read_side(const Json& json, const char* key) {
+int read_side(const nlohmann::json& json, const char* key) {
   const double value = read_number(json, key);
   if (value >= 0 && value <= kMaxImageSide && value == std::floor(value)) {
     return static_cast<int>(value);
@@ -56,7 +54,7 @@ int read_side(const Json& json, const char* key) {
 
 }  // namespace
 
-Result<Camera> camera_from_json(const Json& json, const std::string& where) {
+Result<Camera> camera_from_json(const nlohmann::json& json, const std::string& where) {
   if (!json.is_object()) {
     return invalid_file("{}: not a camera (expected a JSON object, got {})", where,
                         json.type_name());
@@ -84,7 +82,7 @@ Result<Camera> camera_from_json(const Json& json, const std::string& where) {
   return camera;
 }
 
-Json camera_to_json(const Camera& camera) {
+nlohmann::ordered_json camera_to_json(const Camera& camera) {
   return {{"name", camera.name},
           {"width", camera.width},
           {"height", camera.height},
@@ -98,7 +96,7 @@ Json camera_to_json(const Camera& camera) {
 }
 
 Result<Camera> parse_camera(std::string_view text, const std::string& where) {
-  STGS_ASSIGN(const Json json, parse_json_text<Json>(text, where + ": cannot read camera"));
+  STGS_ASSIGN(const nlohmann::json json, parse_json_text(text, where + ": cannot read camera"));
   try {
     const auto start = json.is_object() ? json.find("start_camera") : json.end();
     if (start == json.end()) return camera_from_json(json, where);

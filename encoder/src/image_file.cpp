@@ -59,9 +59,25 @@ constexpr std::uint8_t kMarker = 0xff, kStartOfImage = 0xd8, kEndOfImage = 0xd9,
 // A scan of a few bytes takes a pass over the image. Encoders write about ten.
 constexpr int kMaxScans = 200;
 
-// Returns whether a segment states the size of a JPEG image.
+// Returns whether a segment states the size of a JPEG image. 0xf7: JPEG-LS.
 bool is_frame_header(std::uint8_t code) {
-  return code >= 0xc0 && code <= 0xcf && code != kHuffman && code != 0xc8 && code != 0xcc;
+  return code == 0xf7 ||
+         (code >= 0xc0 && code <= 0xcf && code != kHuffman && code != 0xc8 && code != 0xcc);
+}
+
+// The most pixels for each byte of a JPEG file. A block of 64 pixels takes a bit or more.
+constexpr std::uint64_t kMaxPixelsPerByte = 4096;
+
+// Returns the pixels that a segment states which begins with its length; 0 if it cannot be a frame
+// header: 8 bytes and 3 for each of 1 to 4 components.
+std::uint64_t pixels_of(std::span<const std::uint8_t> segment) {
+  constexpr std::size_t kHeader = 8;
+  if (segment.size() < kHeader) return 0;
+  const std::size_t length = std::size_t{256} * segment[0] + segment[1], components = segment[7];
+  if (components < 1 || components > 4 || length != kHeader + 3 * components) return 0;
+  const std::uint64_t height = 256u * segment[3] + segment[4];
+  const std::uint64_t width = 256u * segment[5] + segment[6];
+  return width * height;
 }
 
 // Returns the largest block that decoding an image needs: samples of 16 bits of 4 channels, or
@@ -144,18 +160,35 @@ Status check_jpeg(std::span<const std::uint8_t> bytes, const std::string& path) 
   if (!is_jpeg(bytes)) return {};
   bool has_valid_tables = true;
   int scans = 0, frames = 0;
+  std::uint64_t pixels = 0;
   (void)visit_segments(bytes, [&](std::uint8_t code, std::size_t at) {
     if (code == kHuffman) has_valid_tables = has_valid_tables && tables_fit(bytes.subspan(at));
     if (code == kStartOfScan) ++scans;
-    if (is_frame_header(code)) ++frames;
+    if (is_frame_header(code)) ++frames, pixels += pixels_of(bytes.subspan(at));
   });
   if (!has_valid_tables) {
     return invalid_file("{}: cannot decode the image: a Huffman table has too many codes", path);
   }
   if (frames > 1) return invalid_file("{}: the JPEG file states its size {} times", path, frames);
+  if (pixels / kMaxPixelsPerByte > bytes.size()) {
+    return invalid_file("{}: the JPEG file states {} pixels, more than its {} bytes can hold", path,
+                        pixels, bytes.size());
+  }
   if (scans <= kMaxScans) return {};
   return invalid_file("{}: the JPEG file has {} scans (expected at most {})", path, scans,
                       kMaxScans);
+}
+
+bool has_oversized_jpeg(std::span<const std::uint8_t> frame) {
+  std::uint64_t pixels = 0;
+  for (std::size_t at = 0; at + 2 < frame.size(); ++at) {
+    const auto* const marker =
+        static_cast<const std::uint8_t*>(std::memchr(&frame[at], kMarker, frame.size() - 2 - at));
+    if (marker == nullptr) break;
+    at = static_cast<std::size_t>(marker - frame.data());
+    if (is_frame_header(frame[at + 1])) pixels += pixels_of(frame.subspan(at + 2));
+  }
+  return pixels / kMaxPixelsPerByte > frame.size();
 }
 
 Result<Image8> read_image8(const std::string& path, int channels, std::uint64_t max_memory) {

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "json_error.h"
 
-#include <nlohmann/json.hpp>
 #include <regex>
 
 namespace stgs::encoder {
@@ -10,6 +9,15 @@ namespace {
 constexpr std::size_t kMaxText = 400;  // bytes; std::regex recurses for every one
 
 }  // namespace
+
+Result<nlohmann::json> parse_json_text(std::string_view text, const std::string& where) {
+  STGS_TRY(check_json_nesting(text, where));
+  try {
+    return nlohmann::json::parse(text);
+  } catch (const nlohmann::json::exception& error) {
+    return invalid_file("{}: {}", where, json_error(error));
+  }
+}
 
 std::string json_error(const std::exception& error) {
   std::string text = short_text(error.what(), kMaxText);  // with tokens of the file, of any length

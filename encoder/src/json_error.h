@@ -3,6 +3,7 @@
 #pragma once
 
 #include <exception>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <string_view>
 
@@ -15,16 +16,8 @@ namespace stgs::encoder {
 // "[json.exception...]" prefix is removed; other exceptions are returned unchanged.
 std::string json_error(const std::exception& error);
 
-// Parses JSON of at most kMaxJsonNesting levels. kInvalidFile begins with `where`. `Json` is
-// nlohmann::json or ordered_json. Every reader of JSON in the encoder calls it.
-template <typename Json>
-Result<Json> parse_json_text(std::string_view text, const std::string& where) {
-  STGS_TRY(check_json_nesting(text, where));
-  try {
-    return Json::parse(text);
-  } catch (const typename Json::exception& error) {
-    return invalid_file("{}: {}", where, json_error(error));
-  }
-}
+// Parses JSON of at most kMaxJsonNesting levels. kInvalidFile begins with `where`. Every reader of
+// JSON in the encoder calls it: ordered_json would take time quadratic in the keys of an object.
+Result<nlohmann::json> parse_json_text(std::string_view text, const std::string& where);
 
 }  // namespace stgs::encoder

@@ -20,13 +20,11 @@
 namespace stgs::encoder {
 namespace {
 
-using Json = nlohmann::ordered_json;
-
 constexpr int kCaptureVersion = 1;
 constexpr int kMaxFirstFrame = 1'000'000'000;
 constexpr std::uint32_t kMaxTimeBase = 0xffffffff;
 
-Result<PreparedCapture> capture_from_json(const Json& json, const std::string& folder,
+Result<PreparedCapture> capture_from_json(const nlohmann::json& json, const std::string& folder,
                                           const std::string& path) {
   PreparedCapture capture;
   capture.folder = folder;
@@ -45,7 +43,7 @@ Result<PreparedCapture> capture_from_json(const Json& json, const std::string& f
   capture.scene_radius = json.at("scene_radius").get<double>();
   for (int i = 0; i < 3; ++i) capture.scene_centre[i] = json.at("scene_centre").at(i).get<double>();
   STGS_TRY(check_camera_limit(json.at("cameras").size(), path));
-  for (const Json& entry : json.at("cameras")) {
+  for (const nlohmann::json& entry : json.at("cameras")) {
     STGS_ASSIGN(capture.cameras.emplace_back(), camera_from_json(entry, path));
   }
   return capture;
@@ -59,7 +57,7 @@ Status check_capture_camera(const Camera& camera, const std::string& path) {
     return invalid_file(
         "{}: camera name {} cannot be a folder name (no '/', '..', '.' at the start or control "
         "characters)",
-        path, short_json(Json(camera.name)));
+        path, short_json(nlohmann::json(camera.name)));
   }
   return check_camera(camera, path);
 }
@@ -151,12 +149,13 @@ Result<PreparedCapture> read_prepared_capture(const std::string& folder, bool al
   const Result<std::shared_ptr<const CaptureFolder>> files =
       CaptureFolder::open(folder, allow_outside);
   if (!files.ok()) return explain_missing(folder, path, files.status());
-  const Result<std::vector<std::uint8_t>> bytes = (*files)->read(path, kCaptureLimits.table_bytes);
+  const Result<std::vector<std::uint8_t>> bytes =
+      (*files)->read(path, kCaptureLimits.prepared_bytes);
   if (!bytes.ok()) return explain_missing(folder, path, bytes.status());
   const std::string_view text(reinterpret_cast<const char*>(bytes->data()), bytes->size());
-  STGS_ASSIGN(const Json json, parse_json_text<Json>(text, path));
+  STGS_ASSIGN(const nlohmann::json json, parse_json_text(text, path));
   try {
-    const Json version = json.at("stgs_capture");
+    const nlohmann::json version = json.at("stgs_capture");
     if (!version.is_number() || version.get<double>() != kCaptureVersion) {
       return unsupported("{}: unknown version {} (expected {}); prepare the capture again", path,
                          short_json(version), kCaptureVersion);
@@ -190,11 +189,14 @@ Status check_frame_files(const PreparedCapture& capture, const std::vector<Camer
     STGS_TRY(check_exists(camera, 0));
     STGS_TRY(check_exists(camera, capture.frames - 1));
     const std::string folder = fmt::format("{}/frames/{}", capture.folder, camera.name);
-    STGS_TRY(folders.add(*capture.files, folder,
-                         fmt::format("{}: camera '{}'", capture.folder, camera.name)));
-    STGS_ASSIGN(const auto entries, capture.files->list(folder));
-    if (entries->size() >= static_cast<std::size_t>(capture.frames)) continue;
-    for (int frame = 0; frame < capture.frames; ++frame) STGS_TRY(check_exists(camera, frame));
+    const std::string where = fmt::format("{}: camera '{}'", capture.folder, camera.name);
+    STGS_TRY(folders.add(*capture.files, folder, where));
+    FrameFiles frames;
+    for (int frame = 0; frame < capture.frames; ++frame) {
+      STGS_TRY(check_exists(camera, frame));
+      STGS_TRY(frames.add(*capture.files, capture.frame_path(camera, frame)));
+    }
+    STGS_TRY(frames.check(where));
   }
   return {};
 }
@@ -202,7 +204,7 @@ Status check_frame_files(const PreparedCapture& capture, const std::vector<Camer
 Status write_prepared_capture(const PreparedCapture& capture) {
   const std::string path = capture.folder + "/capture.json";
   STGS_TRY(check(capture, path));
-  Json json = {
+  nlohmann::ordered_json json = {
       {"stgs_capture", kCaptureVersion},
       {"source", capture.source},
       {"first_frame", capture.first_frame},
@@ -214,12 +216,12 @@ Status write_prepared_capture(const PreparedCapture& capture) {
       {"extent", capture.extent},
       {"scene_centre", std::vector<double>(capture.scene_centre, capture.scene_centre + 3)},
       {"scene_radius", capture.scene_radius},
-      {"cameras", Json::array()}};
+      {"cameras", nlohmann::ordered_json::array()}};
   for (const Camera& camera : capture.cameras) json["cameras"].push_back(camera_to_json(camera));
   std::string text;
   try {
     text = json.dump(1) + "\n";
-  } catch (const Json::exception& error) {
+  } catch (const nlohmann::json::exception& error) {
     return invalid_file("{}: a name is not valid UTF-8: {}", path, json_error(error));
   }
   return write_file_atomically(path,

@@ -5,6 +5,7 @@
 
 #include "capture_fixture.h"
 #include "src/capture/calibration.h"
+#include "src/capture/camera_names.h"
 
 namespace stgs::encoder::capture_test {
 namespace {
@@ -323,6 +324,12 @@ TEST_CASE("calibrations that cannot be read are named where COLMAP fails") {
 }
 
 TEST_CASE("cameras of a calibration and videos match by letters and numbers") {
+  const auto same_camera_name = [](const std::string& a, const std::string& b) {
+    SourceCamera camera;
+    camera.name = b;
+    const Result<std::size_t> found = CameraNames({camera}).find(a, "Calib.toml");
+    return found.ok() && *found == 0;
+  };
   CHECK(same_camera_name("cam01", "cam_1"));
   CHECK(same_camera_name("int_cam01_img", "Cam1"));
   CHECK(same_camera_name("A", "vid-camA"));
@@ -331,6 +338,8 @@ TEST_CASE("cameras of a calibration and videos match by letters and numbers") {
   CHECK_FALSE(same_camera_name("cam1", "cam10"));
   CHECK_FALSE(same_camera_name("left", "right"));
   CHECK_FALSE(same_camera_name("", "cam1"));
+  CHECK(fails_with(CameraNames({}).find(std::string(256, 'a'), "Calib.toml").status(),
+                   {"Calib.toml", "256 bytes"}));
 
   const TemporaryFolder folder;
   write_text(folder / "Calib.toml", pose2sim_file());

@@ -41,6 +41,51 @@ TEST_CASE("a capture cannot name one file twice, under whatever path or link") {
   refused("cam01.mp4");
 }
 
+TEST_CASE("links may repeat some frames of a folder, but not most of many") {
+  const TemporaryFolder folder;
+  const auto write_links = [&](const std::string& images, int frames) {
+    for (int f = 2; f < frames; ++f) {
+      const std::string link = fmt::format("{}/{:06}.png", images, f);
+      if (f % 2 == 0)
+        fs::create_symlink("000001.png", link);
+      else
+        fs::create_hard_link(images + "/000001.png", link);
+    }
+  };
+  write_text(folder / "cameras.json",
+             R"({"cam0":{"K":[60,0,32,0,60,24,0,0,1],"w2c":[1,0,0,0,0,1,0,0,0,0,1,0]},)"
+             R"("cam1":{"K":[60,0,32,0,60,24,0,0,1],"w2c":[1,0,0,1,0,1,0,0,0,0,1,0]}})");
+  const auto written = [&](int frames) {
+    for (int c : {0, 1}) {
+      const std::string images = fmt::format("{}/images/cam{}", folder.path, c);
+      fs::remove_all(images);
+      write_images(images, c, 2);
+      write_links(images, frames);
+    }
+    return load(folder.path).status();
+  };
+  const Status few = written(34);
+  INFO(few.message());
+  CHECK(few.message().empty());
+  const Status many = written(35);
+  CHECK(many.code() == StatusCode::kInvalidFile);
+  CHECK(fails_with(many, {"'cam0'", "35 frames are links to 2 images"}));
+
+  PreparedCapture capture;
+  capture.folder = folder / "prepared";
+  capture.frames = 35;
+  capture.frame_extension = "png";
+  capture.cameras = {known_camera(0, 1, "a")};
+  write_images(capture.folder + "/frames/a", 0, 2);
+  write_links(capture.folder + "/frames/a", 35);
+  auto files = CaptureFolder::open(capture.folder, false);
+  REQUIRE(files.ok());
+  capture.files = *files;
+  CHECK(fails_with(check_frame_files(capture, capture.cameras), {"'a'", "2 images"}));
+  capture.frames = 34;
+  CHECK(check_frame_files(capture, capture.cameras).ok());
+}
+
 TEST_CASE("the frames of two cameras of a prepared capture cannot be one folder") {
   const TemporaryFolder folder;
   PreparedCapture capture;

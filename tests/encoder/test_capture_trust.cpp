@@ -2,6 +2,7 @@
 // Captures of others: nothing outside the folder is read, and counts and sizes are limited.
 #include <sys/stat.h>
 
+#include <array>
 #include <chrono>
 #include <thread>
 
@@ -292,6 +293,38 @@ std::size_t resident_bytes() {
   std::size_t pages = 0, resident = 0;
   std::ifstream("/proc/self/statm") >> pages >> resident;
   return resident * 4096;
+}
+
+TEST_CASE("a TIFF header has sizes of one number, and its tiles are not much larger") {
+  using Entry = std::array<std::uint32_t, 4>;  // tag, type, count, value
+  constexpr std::uint32_t kShort = 3, kLong = 4, kLong8 = 16;
+  const auto status_of = [](const std::vector<Entry>& entries) {
+    std::vector<std::uint8_t> bytes = {'I', 'I', '*', 0};
+    const auto put = [&](std::uint32_t value, int count) {
+      for (int b = 0; b < count; ++b) bytes.push_back(static_cast<std::uint8_t>(value >> (8 * b)));
+    };
+    put(8, 4);
+    put(static_cast<std::uint32_t>(entries.size()), 2);
+    for (const auto& [tag, type, count, value] : entries) {
+      put(tag, 2), put(type, 2), put(count, 4), put(value, 4);
+    }
+    return check_image_kind(bytes, "a.tif", "w");
+  };
+  const Entry width = {256, kShort, 1, 64}, height = {257, kShort, 1, 16};
+  const auto tiled = [&](std::uint32_t w, std::uint32_t h) {
+    return status_of({width, height, {322, kShort, 1, w}, {323, kLong, 1, h}});
+  };
+  CHECK(status_of({width, {257, kLong, 1, 16}}).ok());
+  // The value of a LONG8 is elsewhere in the file.
+  CHECK(fails_with(status_of({{256, kLong8, 1, 64}, height}), {"a.tif", "header"}));
+  CHECK(fails_with(status_of({{256, kShort, 2, 64}, height}), {"header"}));
+  CHECK(tiled(512, 512).ok());
+  CHECK_FALSE(tiled(16, 1u << 22).ok());
+  CHECK_FALSE(tiled(0, 16).ok());
+  // Strips of more bytes than the file has.
+  CHECK(status_of({width, height, {279, kLong, 1, 1'000'000}}).ok());
+  CHECK_FALSE(status_of({width, height, {279, kLong, 1, 2'000'000}}).ok());
+  CHECK_FALSE(status_of({width, height, {279, kLong8, 1, 10}}).ok());
 }
 
 TEST_CASE("the plans of distorted cameras take no memory per pixel") {

@@ -5,6 +5,7 @@
 #include "capture_fixture.h"
 #include "catch.h"
 #include "src/capture/frame_reader.h"
+#include "stgs/encoder/image_file.h"
 
 namespace stgs::encoder::capture_test {
 namespace {
@@ -137,6 +138,31 @@ TEST_CASE("a black video is read, and a size in a header is checked before decod
   // The frame cannot be decoded, but the size is refused first.
   write_bytes(camera.video, repeating_video(std::string(500, 'x'), 2, 40'000, 16));
   CHECK(fails_with(probe_frames(*files, camera).status(), {"a.mp4", "40000x16"}));
+}
+
+TEST_CASE("JPEG headers that state more pixels than the bytes can hold are refused") {
+  const TemporaryFolder folder;
+  const SourceCamera camera = camera_of(folder / "a.mp4");
+  std::string jpeg = jpeg_of(test_image(0, 0), 90);
+  const auto probed = [&] {
+    write_bytes(camera.video, repeating_video(jpeg, 2, kWidth, kHeight));
+    return probe_frames(*files_of(folder), camera).status();
+  };
+  CHECK(probed().ok());
+  const std::vector<std::uint8_t> valid(jpeg.begin(), jpeg.end());
+  CHECK(decode_image8(valid, 3, "a.jpg").ok());
+  // A second header, before the first one: 17 bytes, 8 bits, 8000 x 8000, three components.
+  const std::string header = "\xff\xc2" + big_endian({17}, 2) + '\x08' +
+                             big_endian({8000, 8000}, 2) +
+                             std::string("\3\1\x11\0\2\x11\0\3\x11\0", 10);
+  jpeg.insert(2, header);
+  const Status status = probed();
+  CHECK(status.code() == StatusCode::kInvalidFile);
+  CHECK(fails_with(status, {"a.mp4", "JPEG frames", "more pixels"}));
+  // The only header of an image.
+  const std::string image = "\xff\xd8" + header + std::string("\xff\xda\0\2\xff\xd9", 6);
+  const std::vector<std::uint8_t> bytes(image.begin(), image.end());
+  CHECK(fails_with(decode_image8(bytes, 3, "a.jpg").status(), {"a.jpg", "64000000 pixels"}));
 }
 
 }  // namespace

@@ -144,10 +144,10 @@ def links(size, copies):
     return finished(index, stated=BYTES_BEYOND)
 
 
-@case("INDX", segments=(1, 65536), tiers=(1, 255))
-def entries(size, segments, tiers):
-    """Entries of records beyond the end."""
-    entry = number(1) + number(4 * tiers) + (number(1) + number(1)) * tiers
+@case("INDX", segments=(1, 65536), tiers=(1, 255), long=(0, 1))
+def entries(size, segments, tiers, long=0):
+    """Entries of records beyond the end. `long`: with numbers of two bytes."""
+    entry = number(1) + number(4 * tiers) + 2 * number(200 if long else 1) * tiers
     length = 47 + segments * len(entry)
     def index(at):
         return index_of([run(p, at, [entry] * segments) for p in range(max(1, size // length))])

@@ -49,8 +49,13 @@ def check_refusals(program):
     short = measure(program, hostile.entries(300_000, segments=1000, tiers=255))[0]
     shorter = measure(program, hostile.entries(30_000, segments=50, tiers=255))[0]
     assert (short.status, shorter.status) == (UNSUPPORTED, OK), (short, shorter)
+    beyond = measure(program, hostile.entries(300_000, segments=1000, tiers=1, long=1))[0]
+    assert beyond.status == UNSUPPORTED, beyond
     paged = measure(program, hostile.pages(4_000_000, entries_each=129, damaged=0))[0]
     assert paged.status == UNSUPPORTED, paged
+    empty = measure(program, hostile.pages(200_000, entries_each=0, damaged=0))[0]
+    lost = measure(program, hostile.pages(200_000, entries_each=1, damaged=1))[0]
+    assert (empty.status, lost.status) == (UNSUPPORTED, UNSUPPORTED), (empty, lost)
     dense = measure(program, hostile.frequent_symbols(300_000, blocks=16, degree=3, joined=1))[1]
     small = measure(program, hostile.frequent_symbols(8_000, blocks=1, degree=3, joined=1))[1]
     assert (dense.status, small.status) == (UNSUPPORTED, OK), (dense, small)

@@ -67,7 +67,7 @@ void set_up_opencv(const CommonOptions& options) {
   // URLs, and, while it opens a file, decodes only these codecs and no titles of chapters.
   ::setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS",
            "protocol_whitelist;file|format_whitelist;mov,mp4,matroska,webm,avi|codec_whitelist;"
-           "h264,hevc,av1,libdav1d,libaom-av1,vp8,vp9,mpeg4,mpeg2video,mjpeg,prores,dnxhd,cfhd,"
+           "h264,hevc,av1,libdav1d,libaom-av1,vp8,vp9,mpeg4,mpeg2video,prores,dnxhd,cfhd,"
            "ffv1,rawvideo,aac,mp3,ac3,opus,vorbis,pcm_s16le,pcm_s16be,pcm_s24le|ignore_chapters;1",
            0);
 }

@@ -2,11 +2,11 @@
 #include "calibration.h"
 
 #include <algorithm>
-#include <cctype>
 #include <filesystem>
 #include <map>
 #include <set>
 
+#include "camera_names.h"
 #include "capture_files.h"
 #include "plural.h"
 
@@ -66,28 +66,6 @@ bool suggests_calibration(const std::string& name) {
                   contains(name, "extri"));
 }
 
-// Runs of letters, split where lower case turns to upper case, and numbers without leading zeros.
-std::vector<std::string> tokens_of(const std::string& name) {
-  enum class Kind { kOther, kDigit, kLower, kUpper };
-  std::vector<std::string> tokens;
-  Kind last = Kind::kOther;
-  for (const char c : name) {
-    const auto byte = static_cast<unsigned char>(c);
-    const Kind kind = std::isdigit(byte) != 0                   ? Kind::kDigit
-                      : std::isupper(byte) != 0                 ? Kind::kUpper
-                      : std::isalpha(byte) != 0 || byte >= 0x80 ? Kind::kLower
-                                                                : Kind::kOther;
-    const bool continues = kind == last || (last == Kind::kUpper && kind == Kind::kLower);
-    if (kind != Kind::kOther && !continues) tokens.emplace_back();
-    if (kind != Kind::kOther) {
-      if (tokens.back() == "0" && kind == Kind::kDigit) tokens.back().clear();
-      tokens.back() += static_cast<char>(std::tolower(byte));
-    }
-    last = kind;
-  }
-  return tokens;
-}
-
 std::string list_names(const std::vector<SourceCamera>& cameras) {
   std::string names;
   for (const SourceCamera& camera : cameras) {
@@ -111,32 +89,14 @@ Result<std::string> only_one(const CaptureFolder& files, const std::vector<std::
   return found;
 }
 
-// Returns the index of the camera with this name, preferring an equal name, or the number of
-// cameras if there is none. kInvalidFile if several match.
-Result<std::size_t> match(const std::string& name, const std::vector<SourceCamera>& cameras,
-                          const std::string& path) {
-  std::size_t found = cameras.size();
-  for (std::size_t i = 0; i < cameras.size(); ++i) {
-    if (cameras[i].name == name) return i;
-    if (!same_camera_name(name, cameras[i].name)) continue;
-    if (found < cameras.size()) {
-      return invalid_file(
-          "{}: camera '{}' could be '{}' or '{}'; rename the videos or image folders after the "
-          "cameras of the calibration",
-          path, name, cameras[found].name, cameras[i].name);
-    }
-    found = i;
-  }
-  return found;
-}
-
 // Gives the calibrated cameras the names and frames of the matching `cameras`, in their order.
 Status match_cameras(const std::string& path, const std::vector<SourceCamera>& cameras,
                      const LogSink& log, Calibration& calibration) {
+  const CameraNames names(cameras);
   std::vector<SourceCamera> matched(cameras.size());
   std::set<std::size_t> taken;
   for (const SourceCamera& calibrated : calibration.cameras) {
-    STGS_ASSIGN(const std::size_t i, match(calibrated.name, cameras, path));
+    STGS_ASSIGN(const std::size_t i, names.find(calibrated.name, path));
     if (i == cameras.size()) {
       log(2, fmt::format("{}: camera '{}' ignored (no frames)", path, calibrated.name));
       continue;
@@ -189,20 +149,18 @@ Status check_poses(const std::string& path, const std::vector<SourceCamera>& cam
 Status read_opencv_cameras(const CaptureFolder& files, const std::vector<std::string>& paths,
                            const std::vector<SourceCamera>& cameras, CalibrationSearch& search) {
   Status damaged;
+  const CameraNames names(cameras);
   std::map<std::string, std::string> path_of;  // by camera
   for (const std::string& path : paths) {
     const std::string stem = stem_of(path);
-    const auto fits = [&](const SourceCamera& c) { return same_camera_name(stem, c.name); };
-    if (!may_be_opencv(file_name(path)) || std::none_of(cameras.begin(), cameras.end(), fits)) {
-      continue;
-    }
+    if (!may_be_opencv(file_name(path)) || !names.any(stem)) continue;
     Result<Calibration> read = read_opencv_camera(files, path, stem);
     if (!read.ok() && damaged.ok()) damaged = read.status();
     if (!read.ok() || read->cameras.empty()) {
       search.ignored.push_back(path);
       continue;
     }
-    STGS_ASSIGN(const std::size_t i, match(stem, cameras, path));
+    STGS_ASSIGN(const std::size_t i, names.find(stem, path));
     const auto [it, added] = path_of.emplace(cameras[i].name, path);
     if (!added) {
       return invalid_file(
@@ -236,14 +194,6 @@ Status read_calibration(const CaptureFolder& files, const std::vector<std::strin
 }
 
 }  // namespace
-
-bool same_camera_name(const std::string& a, const std::string& b) {
-  const std::vector<std::string> x = tokens_of(a), y = tokens_of(b);
-  const auto& longer = x.size() < y.size() ? y : x;
-  const auto& shorter = x.size() < y.size() ? x : y;
-  return !shorter.empty() &&
-         std::search(longer.begin(), longer.end(), shorter.begin(), shorter.end()) != longer.end();
-}
 
 Result<CalibrationSearch> find_calibration(const CaptureFolder& files,
                                            const std::vector<SourceCamera>& cameras,

@@ -43,9 +43,4 @@ Result<Calibration> read_toml_calibration(const CaptureFolder& files, const std:
 Result<Calibration> read_opencv_camera(const CaptureFolder& files, const std::string& path,
                                        const std::string& name);
 
-// Returns true if two names denote the same camera: their letters and numbers are equal, or those
-// of one contain those of the other in sequence. Case, separators and leading zeros are ignored, so
-// "cam01", "Cam_1" and "int_cam01_img" match, but "cam1" and "cam10" do not.
-bool same_camera_name(const std::string& a, const std::string& b);
-
 }  // namespace stgs::encoder

@@ -28,41 +28,41 @@ const Keys kWidth = {"image_width", "image_Width", "width"};
 const Keys kHeight = {"image_height", "image_Height", "height"};
 const Keys kFisheye = {"fisheye_model", "fisheye"};
 
-bool has_any(const cv::FileStorage& file, const Keys& keys) {
+bool has_any(const Storage& file, const Keys& keys) {
   return std::any_of(keys.begin(), keys.end(),
                      [&](const std::string& key) { return !file[key].empty(); });
 }
 
 // Returns an optional number, 0 if it is missing.
-Result<double> number(const cv::FileStorage& file, const Keys& keys, const std::string& path) {
-  STGS_ASSIGN(const std::vector<double> values, storage_numbers(file, keys, path));
-  if (values.size() > 1) return invalid_file("{}: {} is not a number", path, keys.front());
+Result<double> number(const Storage& file, const Keys& keys) {
+  STGS_ASSIGN(const std::vector<double> values, file.numbers(keys));
+  if (values.size() > 1) return invalid_file("{}: {} is not a number", file.path(), keys.front());
   return values.empty() ? 0.0 : values[0];
 }
 
-Status set_file_size(const cv::FileStorage& file, const std::string& path, SourceCamera& camera) {
-  STGS_ASSIGN(const double width, number(file, kWidth, path));
-  STGS_ASSIGN(const double height, number(file, kHeight, path));
-  return width == 0 && height == 0 ? Status() : set_size(width, height, path, camera);
+Status set_file_size(const Storage& file, SourceCamera& camera) {
+  STGS_ASSIGN(const double width, number(file, kWidth));
+  STGS_ASSIGN(const double height, number(file, kHeight));
+  return width == 0 && height == 0 ? Status() : set_size(width, height, file.path(), camera);
 }
 
-Result<Calibration> read_file(const cv::FileStorage& file, const std::string& path,
-                              const std::string& name) {
+Result<Calibration> read_file(const Storage& file, const std::string& name) {
+  const std::string& path = file.path();
   Calibration calibration;
   if (!has_any(file, kMatrix) || !has_any(file, kRotation) || !has_any(file, kTranslation)) {
     return calibration;
   }
   SourceCamera& camera = calibration.cameras.emplace_back();
   camera.name = name;
-  STGS_ASSIGN(const std::vector<double> matrix, storage_numbers(file, kMatrix, path));
+  STGS_ASSIGN(const std::vector<double> matrix, file.numbers(kMatrix));
   STGS_TRY(set_intrinsics(matrix, 0, path, camera));
-  STGS_ASSIGN(std::vector<double> lens, storage_numbers(file, kDistortion, path));
-  STGS_ASSIGN(const double fisheye, number(file, kFisheye, path));
+  STGS_ASSIGN(std::vector<double> lens, file.numbers(kDistortion));
+  STGS_ASSIGN(const double fisheye, number(file, kFisheye));
   STGS_TRY(set_distortion(std::move(lens), fisheye != 0, path, camera));
-  STGS_ASSIGN(const std::vector<double> rotation, storage_numbers(file, kRotation, path));
-  STGS_ASSIGN(const std::vector<double> translation, storage_numbers(file, kTranslation, path));
+  STGS_ASSIGN(const std::vector<double> rotation, file.numbers(kRotation));
+  STGS_ASSIGN(const std::vector<double> translation, file.numbers(kTranslation));
   STGS_TRY(set_opencv_pose(rotation, translation, path, camera));
-  STGS_TRY(set_file_size(file, path, camera));
+  STGS_TRY(set_file_size(file, camera));
   return calibration;
 }
 
@@ -70,9 +70,9 @@ Result<Calibration> read_file(const cv::FileStorage& file, const std::string& pa
 
 Result<Calibration> read_opencv_camera(const CaptureFolder& files, const std::string& path,
                                        const std::string& name) {
-  STGS_ASSIGN(const cv::FileStorage file, open_storage(files, path));
+  STGS_ASSIGN(const Storage file, Storage::open(files, path));
   try {
-    return read_file(file, path, name);
+    return read_file(file, name);
   } catch (const cv::Exception& error) {  // a list in place of keys, for example
     return invalid_file("{}: not a calibration of OpenCV: {}", path, error.err);
   }

@@ -24,6 +24,8 @@ namespace {
 // Greatest number of parts of a dotted key. Each part is a table, and toml++ recurses over them. It
 // limits the nesting of values itself.
 constexpr int kMaxKeyParts = 16;
+// Greatest size of a file. toml++ takes time quadratic in the number of dotted keys.
+constexpr std::uint64_t kMaxTomlBytes = 256 << 10;
 
 // Counts the dots between separators, as of a key. A key ends on its line; if the line has quotes,
 // they may contain separators, so all its dots count.
@@ -94,7 +96,7 @@ Result<SourceCamera> read_camera(const toml::table& table, std::string_view name
 }  // namespace
 
 Result<Calibration> read_toml_calibration(const CaptureFolder& files, const std::string& path) {
-  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_table(files, path));
+  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, files.read(path, kMaxTomlBytes));
   const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
   STGS_TRY(check_keys(text, path));
   toml::table root;

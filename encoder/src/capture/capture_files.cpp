@@ -210,8 +210,7 @@ Result<std::vector<std::uint8_t>> read_table(const CaptureFolder& files, const s
 
 Result<nlohmann::json> read_json(const CaptureFolder& files, const std::string& path) {
   STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_table(files, path));
-  return parse_json_text<nlohmann::json>(
-      {reinterpret_cast<const char*>(bytes.data()), bytes.size()}, path);
+  return parse_json_text({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, path);
 }
 
 Result<std::vector<double>> json_numbers(const nlohmann::json& json, const std::string& what) {

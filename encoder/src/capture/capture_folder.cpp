@@ -269,4 +269,18 @@ Status DistinctFiles::add(const CaptureFolder& files, const std::string& path,
       path);
 }
 
+Status FrameFiles::add(const CaptureFolder& files, const std::string& path) {
+  STGS_ASSIGN(const FileId id, files.id(path));
+  known_.insert(id);
+  ++added_;
+  return {};
+}
+
+Status FrameFiles::check(const std::string& where) const {
+  constexpr std::size_t kFreeRepeats = 30;
+  if (added_ <= 2 * known_.size() + kFreeRepeats) return {};
+  return invalid_file("{}: its {} frames are links to {} images; remove the repeated ones", where,
+                      added_, known_.size());
+}
+
 }  // namespace stgs::encoder

@@ -14,25 +14,10 @@ namespace {
 
 constexpr double kPixelCentre = 0;  // OpenCV's convention
 
-struct Yaml {
-  std::string path;
-  cv::FileStorage file;
-};
-
-Result<Yaml> open_yaml(const CaptureFolder& files, const std::string& name) {
-  const std::string path = files.path() + "/" + name;
-  STGS_ASSIGN(const cv::FileStorage file, open_storage(files, path));
-  return Yaml{path, file};
-}
-
-Result<std::vector<double>> numbers(const Yaml& yaml, const std::vector<std::string>& keys) {
-  return storage_numbers(yaml.file, keys, yaml.path);
-}
-
-Status set_extrinsics(const Yaml& extri, const std::string& where, SourceCamera& camera) {
+Status set_extrinsics(const Storage& extri, const std::string& where, SourceCamera& camera) {
   STGS_ASSIGN(const std::vector<double> rotation,
-              numbers(extri, {"Rot_" + camera.name, "R_" + camera.name}));
-  STGS_ASSIGN(const std::vector<double> t, numbers(extri, {"T_" + camera.name}));
+              extri.numbers({"Rot_" + camera.name, "R_" + camera.name}));
+  STGS_ASSIGN(const std::vector<double> t, extri.numbers({"T_" + camera.name}));
   if ((rotation.size() != 9 && rotation.size() != 3) || t.size() != 3) {
     return invalid_file(
         "{}: incomplete pose (expected Rot_{} with 9 numbers or R_{} with 3, and T_{} with 3)",
@@ -58,18 +43,18 @@ Status attach_frames(const CaptureFolder& files, SourceCamera& camera) {
 }
 
 Result<SourceCamera> read_camera(const CaptureFolder& files, const std::string& name,
-                                 const Yaml& intri, const Yaml& extri) {
+                                 const Storage& intri, const Storage& extri) {
   const std::string& folder = files.path();
-  STGS_TRY(files.path_of(name, intri.path + ": names").status());
+  STGS_TRY(files.path_of(name, intri.path() + ": names").status());
   SourceCamera camera;
   camera.name = name;
   const std::string where = folder + "/intri.yml: camera '" + name + "'";
-  STGS_ASSIGN(const std::vector<double> k, numbers(intri, {"K_" + name}));
+  STGS_ASSIGN(const std::vector<double> k, intri.numbers({"K_" + name}));
   STGS_TRY(set_intrinsics(k, kPixelCentre, where, camera));
-  STGS_ASSIGN(std::vector<double> lens, numbers(intri, {"D_" + name, "dist_" + name}));
+  STGS_ASSIGN(std::vector<double> lens, intri.numbers({"D_" + name, "dist_" + name}));
   STGS_TRY(set_distortion(std::move(lens), false, where, camera));
-  STGS_ASSIGN(const std::vector<double> height, numbers(intri, {"H_" + name}));
-  STGS_ASSIGN(const std::vector<double> width, numbers(intri, {"W_" + name}));
+  STGS_ASSIGN(const std::vector<double> height, intri.numbers({"H_" + name}));
+  STGS_ASSIGN(const std::vector<double> width, intri.numbers({"W_" + name}));
   if (height.size() == 1 && width.size() == 1 && height[0] > 0 && width[0] > 0) {
     STGS_TRY(set_size(width[0], height[0], where, camera));
   }
@@ -86,17 +71,17 @@ Result<std::string> name_of(const cv::FileNode& node, const std::string& path) {
 }
 
 Result<SourceCapture> read_capture(const CaptureFolder& files) {
-  STGS_ASSIGN(const Yaml intri, open_yaml(files, "intri.yml"));
-  STGS_ASSIGN(const Yaml extri, open_yaml(files, "extri.yml"));
+  STGS_ASSIGN(const Storage intri, Storage::open(files, files.path() + "/intri.yml"));
+  STGS_ASSIGN(const Storage extri, Storage::open(files, files.path() + "/extri.yml"));
   SourceCapture capture;
-  const cv::FileNode names = intri.file["names"];
-  STGS_TRY(check_camera_limit(names.size(), intri.path));
+  const cv::FileNode names = intri["names"];
+  STGS_TRY(check_camera_limit(names.size(), intri.path()));
   for (const cv::FileNode& node : names) {
-    STGS_ASSIGN(const std::string name, name_of(node, intri.path));
+    STGS_ASSIGN(const std::string name, name_of(node, intri.path()));
     STGS_ASSIGN(SourceCamera camera, read_camera(files, name, intri, extri));
     capture.cameras.push_back(std::move(camera));
   }
-  if (capture.cameras.empty()) return invalid_file("{}: 'names' lists no cameras", intri.path);
+  if (capture.cameras.empty()) return invalid_file("{}: 'names' lists no cameras", intri.path());
   return capture;
 }
 

@@ -86,24 +86,52 @@ Size bmp_size(Bytes bytes) {
   return {number(bytes, 18, 4, false), static_cast<std::uint64_t>(rows < 0 ? -rows : rows)};
 }
 
-// The size in the first directory.
+// Returns the value of an entry of a TIFF directory, a single SHORT or LONG. Other types, which
+// decoders accept as well, are 0.
+std::uint64_t tiff_value(Bytes bytes, std::uint64_t entry, bool big) {
+  constexpr std::uint64_t kShort = 3, kLong = 4;
+  const std::uint64_t type = number(bytes, entry + 2, 2, big);
+  if ((type != kShort && type != kLong) || number(bytes, entry + 4, 4, big) != 1) return 0;
+  return number(bytes, entry + 8, type == kShort ? 2 : 4, big);
+}
+
+// Returns whether the strips or tiles of a TIFF image have at most twice the bytes of the file.
+// They may share bytes, which are copied for each. `entry` lists their sizes.
+bool is_tiff_data_short(Bytes bytes, std::uint64_t entry, bool big) {
+  constexpr std::uint64_t kShort = 3, kLong = 4, kFreeBytes = 1 << 20;
+  const std::uint64_t type = number(bytes, entry + 2, 2, big);
+  const std::uint64_t count = number(bytes, entry + 4, 4, big), width = type == kShort ? 2 : 4;
+  if ((type != kShort && type != kLong) || count > bytes.size() / width) return false;
+  const std::uint64_t at = count * width <= 4 ? entry + 8 : number(bytes, entry + 8, 4, big);
+  std::uint64_t sum = 0;
+  for (std::uint64_t i = 0; i < count; ++i) sum += number(bytes, at + width * i, width, big);
+  return sum <= 2 * bytes.size() + kFreeBytes;
+}
+
+// The size in the first directory, of an image of tiles rounded up to them: each is decoded as a
+// whole.
 Size tiff_size(Bytes bytes) {
-  constexpr std::uint64_t kWidth = 256, kHeight = 257, kShort = 3, kEntry = 12;
+  constexpr std::uint64_t kWidth = 256, kHeight = 257, kTileWidth = 322, kTileHeight = 323,
+                          kStripBytes = 279, kTileBytes = 325, kEntry = 12;
   const bool big = bytes[0] == 'M';
   const std::uint64_t directory = number(bytes, 4, 4, big);
   const std::uint64_t entries = number(bytes, directory, 2, big);
-  Size size;
+  Size size, tile = {1, 1};
   std::uint64_t last = 0;
   for (std::uint64_t i = 0; i < entries; ++i) {
     const std::uint64_t at = directory + 2 + i * kEntry;
     const std::uint64_t tag = number(bytes, at, 2, big);
     if (tag <= last) return {};  // tags ascend: decoders differ in which of two they use
     last = tag;
-    const std::size_t width = number(bytes, at + 2, 2, big) == kShort ? 2 : 4;
-    if (tag == kWidth) size.width = number(bytes, at + 8, width, big);
-    if (tag == kHeight) size.height = number(bytes, at + 8, width, big);
+    if (tag == kWidth) size.width = tiff_value(bytes, at, big);
+    if (tag == kHeight) size.height = tiff_value(bytes, at, big);
+    if (tag == kTileWidth) tile.width = tiff_value(bytes, at, big);
+    if (tag == kTileHeight) tile.height = tiff_value(bytes, at, big);
+    if ((tag == kStripBytes || tag == kTileBytes) && !is_tiff_data_short(bytes, at, big)) return {};
   }
-  return size;
+  if (tile.width == 0 || tile.height == 0) return {};
+  return {(size.width + tile.width - 1) / tile.width * tile.width,
+          (size.height + tile.height - 1) / tile.height * tile.height};
 }
 
 Size webp_size(Bytes bytes) {

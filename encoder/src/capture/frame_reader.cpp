@@ -5,6 +5,8 @@
 #include <cmath>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
+#include <span>
+#include <string_view>
 
 #include "file_kind.h"
 #include "png_text.h"
@@ -72,17 +74,16 @@ class StoredFrames {
     return StoredFrames(std::move(video), camera);
   }
   // Call before each frame is decoded. kInvalidFile if the frames so far have too many bytes for
-  // the file (kRepeatedBytes), or the frame has long texts.
+  // the file (kRepeatedBytes), or the frame is an image with long texts or oversized headers.
   Status next() {
     cv::Mat stored;
     const bool has_frame = video_.capture.grab() && video_.capture.retrieve(stored);
-    if (has_frame && has_long_png_text({stored.data, stored.total() * stored.elemSize()})) {
-      return invalid_file(
-          "{}: video of camera '{}' has PNG frames with long texts; encode the video again",
-          camera_->video, camera_->name);
+    const std::span<const std::uint8_t> bytes(stored.data, stored.total() * stored.elemSize());
+    if (has_frame && has_long_png_text(bytes)) return refused("PNG frames with long texts");
+    if (has_frame && has_oversized_jpeg(bytes)) {
+      return refused("JPEG frames that state more pixels than their bytes can hold");
     }
-    used_ += has_frame ? stored.total() * stored.elemSize()
-                       : std::max(video_.bytes / kUnreadShare, kUnreadBytes);
+    used_ += has_frame ? bytes.size() : std::max(video_.bytes / kUnreadShare, kUnreadBytes);
     if (used_ <= 2 * video_.bytes + kRepeatedBytes) return {};
     return invalid_file(
         "{}: video of camera '{}' states the same stored frames many times, or damaged ones: {} "
@@ -91,6 +92,11 @@ class StoredFrames {
   }
 
  private:
+  Status refused(std::string_view what) const {
+    return invalid_file("{}: video of camera '{}' has {}; encode the video again", camera_->video,
+                        camera_->name, what);
+  }
+
   StoredFrames(OpenVideo video, const SourceCamera& camera)
       : video_(std::move(video)), camera_(&camera) {}
 

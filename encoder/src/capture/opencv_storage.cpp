@@ -28,14 +28,23 @@ bool flatten(const cv::FileNode& node, std::vector<double>& out) {
 
 }  // namespace
 
-Result<cv::FileStorage> open_storage(const CaptureFolder& files, const std::string& path) {
+Storage::Storage(cv::FileStorage file, std::string path)
+    : path_(std::move(path)), file_(std::move(file)) {
+  cv::FileNode root = file_.root();
+  for (int i = 0; !root.empty(); root = file_.root(++i)) {
+    if (!root.isMap()) continue;
+    for (const cv::FileNode& node : root) nodes_.emplace(node.name(), node);
+  }
+}
+
+Result<Storage> Storage::open(const CaptureFolder& files, const std::string& path) {
   STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_table(files, path));
   const std::string text(bytes.begin(), bytes.end());
   STGS_TRY(check_storage_text(text, path));
   STGS_TRY(check_storage_nesting(text, path));
   try {
     cv::FileStorage file(text, cv::FileStorage::READ | cv::FileStorage::MEMORY);
-    if (file.isOpened()) return file;
+    if (file.isOpened()) return Storage(std::move(file), path);
   } catch (const cv::Exception& error) {
     return invalid_file("{}: OpenCV cannot read this file: {}", path, error.err);
   } catch (const std::logic_error&) {  // of std::string, for example for a key without a name
@@ -43,15 +52,18 @@ Result<cv::FileStorage> open_storage(const CaptureFolder& files, const std::stri
   return invalid_file("{}: OpenCV cannot read this file", path);
 }
 
-Result<std::vector<double>> storage_numbers(const cv::FileStorage& file,
-                                            const std::vector<std::string>& keys,
-                                            const std::string& path) {
+cv::FileNode Storage::operator[](const std::string& key) const {
+  const auto found = nodes_.find(key);
+  return found == nodes_.end() ? cv::FileNode() : found->second;
+}
+
+Result<std::vector<double>> Storage::numbers(const std::vector<std::string>& keys) const {
   std::vector<double> out;
   for (const std::string& key : keys) {
-    const cv::FileNode node = file[key];
+    const cv::FileNode node = (*this)[key];
     if (node.empty()) continue;
     if (flatten(node, out)) return out;
-    return invalid_file("{}: {} is not a matrix of finite numbers", path, key);
+    return invalid_file("{}: {} is not a matrix of finite numbers", path_, key);
   }
   return out;
 }

@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <vector>
 
-#include "stgs/format/json_text.h"
+#include "json_error.h"
 
 namespace stgs::encoder {
 namespace {
@@ -89,8 +89,8 @@ std::string fingerprint_text(const Fingerprint& fingerprint) {
 }
 
 Result<Fingerprint> read_fingerprint(const std::string& text) {
-  STGS_TRY(check_json_nesting(text, "the fingerprint"));
-  const Json json = Json::parse(text, nullptr, false);
+  const auto parsed = parse_json_text(text, "the fingerprint");
+  const nlohmann::json json = parsed.ok() ? *parsed : nlohmann::json();
   if (!json.is_object()) return invalid_file("no fingerprint of the run that it belongs to");
   Fingerprint out;
   for (const auto& [name, value] : json.items()) {

@@ -37,7 +37,7 @@ Json to_json(const LoggedEvaluation& evaluation) {
             {"images", evaluation.score.images}}}};
 }
 
-void add_line(const Json& json, TrainingLog& log) {
+void add_line(const nlohmann::json& json, TrainingLog& log) {
   const auto iteration = json.at("iteration").get<std::uint64_t>();
   const auto seconds = json.at("seconds").get<double>();
   if (const auto held_out = json.find("held_out"); held_out != json.end()) {
@@ -72,7 +72,7 @@ Status for_each_line(const std::string& path, std::string_view text, Visit visit
     if (end == std::string_view::npos) return {};
     STGS_TRY(check_json_nesting(text.substr(0, end), fmt::format("{}, line {}", path, number)));
     try {
-      visit(Json::parse(text.substr(0, end)), text.substr(0, end + 1));
+      visit(nlohmann::json::parse(text.substr(0, end)), text.substr(0, end + 1));
     } catch (const nlohmann::json::exception&) {
       return invalid_file("{}, line {}: not a training log entry", path, number);
     }
@@ -85,8 +85,8 @@ Status for_each_line(const std::string& path, std::string_view text, Visit visit
 Result<TrainingLog> read_training_log(const std::string& path) {
   STGS_ASSIGN(const std::string text, read_text(path));
   TrainingLog log;
-  STGS_TRY(
-      for_each_line(path, text, [&](const Json& json, std::string_view) { add_line(json, log); }));
+  STGS_TRY(for_each_line(
+      path, text, [&](const nlohmann::json& json, std::string_view) { add_line(json, log); }));
   return log;
 }
 
@@ -95,7 +95,7 @@ Status LogWriter::open(const std::string& path, std::uint64_t resumed) {
   std::error_code none;
   if (resumed > 0 && std::filesystem::is_regular_file(path, none)) {
     STGS_ASSIGN(const std::string text, read_text(path));
-    STGS_TRY(for_each_line(path, text, [&](const Json& json, std::string_view line) {
+    STGS_TRY(for_each_line(path, text, [&](const nlohmann::json& json, std::string_view line) {
       if (json.at("iteration").get<std::uint64_t>() <= resumed) retained += line;
     }));
   }

@@ -97,13 +97,15 @@ bool take_complete(std::uint64_t at, std::uint64_t payload, FileHead& head, Find
   return fits(head.walk.complete_bytes, "nodes", at, head, findings);
 }
 
-// Counts the entries of a node, their primitives and the payloads of their records (conformance
-// 1.5).
+// Counts the entries of a node, their primitives and their records (conformance 1.5).
 bool take_content(const IndexNode& node, std::uint64_t at, FileHead& head, Findings& findings) {
   std::uint64_t entries = node.links.size(), bytes = head.walk.record_bytes;
   const auto take = [&](const RecordRange& entry) {
-    if (entry.bytes > 0 && is_complete(entry.offset, entry.bytes, head))
-      bytes += entry.bytes - kRecordHeaderBytes;
+    if (entry.bytes == 0) return;
+    if (is_complete(entry.offset, entry.bytes, head))
+      bytes += entry.bytes;
+    else
+      ++head.walk.absent;
   };
   for (const IndexRun& run : node.runs) entries += run.count;
   entries += node.segments.size() + node.further.size();
@@ -214,6 +216,8 @@ class Loader {
       lose(link, lost_by(link), N::kFileSize, kTruncated);
       return true;
     }
+    ++head_.walk.pages;
+    if (!fits_opening(head_, 0, 0, link.offset, findings_)) return false;
     std::vector<std::uint8_t> page;
     Findings why, ignored;
     if (!read_page(link, link.offset, page, why) && !is_fatal(why) && link.copy != 0 &&
@@ -238,6 +242,7 @@ class Loader {
     if (why.ok()) return add_node(std::move(node), link.offset, depth, next_, head_, findings_);
     const Issue reason = why.take().front();
     lose(link, lost_by(link), static_cast<N>(reason.number), reason.message);
+    ++head_.walk.pages;
     return true;
   }
 

@@ -22,6 +22,11 @@ std::uint64_t bytes_without_nodes(const FileHead& head) {
          kRow * head.layouts->entries + kName * head.private_names.size();
 }
 
+// Returns what the nodes read so far are charged with, bytes.
+std::uint64_t charged(const FileHead& head) {
+  return head.walk.opening_bytes + kOpeningPage * head.walk.pages;
+}
+
 // Returns the bytes that the nodes may take.
 std::uint64_t node_limit(const FileHead& head, std::uint64_t uncounted) {
   const std::uint64_t limit = opening_limit(head, uncounted);
@@ -52,12 +57,12 @@ std::uint64_t opening_limit(const FileHead& head, std::uint64_t uncounted) {
 
 std::uint64_t opening_left(const FileHead& head, std::uint64_t uncounted) {
   const std::uint64_t limit = node_limit(head, uncounted);
-  return limit - std::min(limit, head.walk.opening_bytes);
+  return limit - std::min(limit, charged(head));
 }
 
 bool fits_opening(const FileHead& head, std::uint64_t more, std::uint64_t uncounted,
                   std::uint64_t at, Findings& findings) {
-  const std::uint64_t bytes = head.walk.opening_bytes + more, limit = node_limit(head, uncounted);
+  const std::uint64_t bytes = charged(head) + more, limit = node_limit(head, uncounted);
   if (bytes <= limit) return true;
   findings.unsupported(IssueNumber::kMemoryLimit, at,
                        "index: reading it takes {} bytes or more, but its limit is {}; allow more "

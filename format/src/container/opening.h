@@ -13,6 +13,9 @@ namespace stgs {
 // Bytes for a link, a run, a segment, one of its tiers, and a further record.
 inline constexpr std::uint64_t kOpeningLink = 256, kOpeningRun = 2000, kOpeningSegment = 32,
                                kOpeningTier = 224, kOpeningFurther = 128;
+// Charged for each page that is read, and again if it is damaged. It bounds the time for pages, not
+// their memory.
+inline constexpr std::uint64_t kOpeningPage = 4000;
 
 // Returns the bytes for a node.
 std::uint64_t opening_bytes(const IndexNode& node);

@@ -12,16 +12,16 @@ template <typename Of, typename Visit>
 void SegmentTimes::for_each_entry(const std::vector<SegmentInfo>& segments,
                                   std::map<int, Of>& groups, const Visit& visit) {
   Of* group = nullptr;
-  double last = 0;  // length
+  int last = 0;
   for (std::uint32_t i = 0; i < segments.size();) {
     const SegmentInfo& segment = segments[i];
     Entry entry{segment.begin_ticks, segment.end_ticks, i, 1, segment.needed_at_end};
     for (++i; i < segments.size() && entry.takes(segments[i]); ++i) ++entry.count;
     if (!segment.is_needed()) continue;
-    const double length = entry.end - entry.begin;
-    // Segments that follow each other often have the same length.
-    if (group == nullptr || length != last) group = &groups[std::ilogb(length)];
-    last = length;
+    const int power = std::ilogb(entry.end - entry.begin);
+    // Segments that follow each other often have similar lengths.
+    if (group == nullptr || power != last) group = &groups[power];
+    last = power;
     visit(*group, entry);
   }
 }

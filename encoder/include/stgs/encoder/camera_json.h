@@ -12,7 +12,7 @@ namespace stgs::encoder {
 
 // Converts JSON to a camera and validates it. "name" and "test" are optional.
 // kInvalidFile names `where` (a file), the camera and the key.
-Result<Camera> camera_from_json(const nlohmann::ordered_json& json, const std::string& where);
+Result<Camera> camera_from_json(const nlohmann::json& json, const std::string& where);
 // Converts a camera to JSON with every key that camera_from_json reads.
 nlohmann::ordered_json camera_to_json(const Camera& camera);
 

@@ -32,6 +32,7 @@ struct CaptureLimits {
   // Of a table or calibration (JSON, YAML, XML, TOML, NumPy) and of a file of a text model of
   // COLMAP.
   std::uint64_t table_bytes = std::uint64_t{64} << 20;
+  std::uint64_t prepared_bytes = std::uint64_t{4} << 20;  // of capture.json
   // Of an image, a file of a binary model of COLMAP, or a flow file.
   std::uint64_t file_bytes = std::uint64_t{1} << 30;
 };
@@ -173,6 +174,20 @@ class DistinctFiles {
 
  private:
   std::set<FileId> known_;
+};
+
+// The frames of one camera. Links may repeat some images, as those of a camera that missed frames.
+class FrameFiles {
+ public:
+  // Adds the image at `path`. kIo if there is none.
+  Status add(const CaptureFolder& files, const std::string& path);
+  // kInvalidFile if more than half of the images, and more than 30, are links to others. `where`
+  // begins the message.
+  Status check(const std::string& where) const;
+
+ private:
+  std::set<FileId> known_;
+  std::size_t added_ = 0;
 };
 
 }  // namespace stgs::encoder

@@ -25,9 +25,14 @@ Status check_image_size(std::int64_t width, std::int64_t height, const std::stri
 // omitted the marker; decoders would return a partly grey image. Bytes after the marker are valid.
 bool is_truncated_jpeg(std::span<const std::uint8_t> bytes);
 
-// Checks that a JPEG file states one size, has at most 200 scans, and has valid Huffman tables;
-// kInvalidFile otherwise. Success for other files.
+// Checks that a JPEG file states one size, of at most 4096 pixels for each byte, has at most 200
+// scans, and has valid Huffman tables; kInvalidFile otherwise. Success for other files.
 Status check_jpeg(std::span<const std::uint8_t> bytes, const std::string& path);
+
+// Returns whether headers of JPEG frames in a stored frame of a video state more pixels than
+// check_jpeg() allows for its bytes, all together. Decoders accept headers anywhere in it, and
+// allocate and clear an image for each.
+bool has_oversized_jpeg(std::span<const std::uint8_t> frame);
 
 // Decodes a PNG or JPEG file to `channels` (1 or 3) channels. The header is checked with
 // check_image_size before decoding. kInvalidFile for an undecodable or truncated image.
