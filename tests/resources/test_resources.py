@@ -47,7 +47,7 @@ def check_refusals(program):
     few = measure(program, hostile.links(1_000_000, copies=0))[0]
     assert (many.status, few.status) == (UNSUPPORTED, OK), (many, few)
     short = measure(program, hostile.entries(300_000, segments=1000, tiers=255))[0]
-    shorter = measure(program, hostile.entries(30_000, segments=50, tiers=255))[0]
+    shorter = measure(program, hostile.entries(8_000, segments=15, tiers=255))[0]
     assert (short.status, shorter.status) == (UNSUPPORTED, OK), (short, shorter)
     beyond = measure(program, hostile.entries(300_000, segments=1000, tiers=1, long=1))[0]
     assert beyond.status == UNSUPPORTED, beyond

@@ -111,8 +111,11 @@ class ElementTest(ElementCase):
         self.check("player.currentTime = 3, player.playbackRate = 0.5, 0")
         self.wait("!player.seeking")
         self.browser.drag((300, 300), (500, 260))
-        camera = "JSON.stringify(parts.renderers[parts.renderers.length - 1].last.camera)"
-        self.wait(f"(window.still = window.before === {camera}, window.before = {camera}, still)")
+        last = "parts.renderers[parts.renderers.length - 1].last"
+        camera = f"JSON.stringify({last}.camera)"
+        # The camera is still if two images in a row have the same.
+        self.wait(f"(({{ seen, before }}) => (window.seen = {last}, window.before = {camera}, "
+                  "window.seen !== seen && window.before === before))(window)")
         for renderers in (1, 2):
             self.check("events.length = 0")
             self.check(LOSE)

@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <vector>
 
-#include "json_error.h"
+#include "stgs/format/json_text.h"
 
 namespace stgs::encoder {
 namespace {
@@ -89,11 +89,19 @@ std::string fingerprint_text(const Fingerprint& fingerprint) {
 }
 
 Result<Fingerprint> read_fingerprint(const std::string& text) {
-  const auto parsed = parse_json_text(text, "the fingerprint");
-  const nlohmann::json json = parsed.ok() ? *parsed : nlohmann::json();
+  STGS_TRY(check_json_nesting(text, "the fingerprint"));
+  std::vector<std::string> names;  // in their order, which nlohmann::json does not keep
+  const auto note_names = [&](int depth, nlohmann::json::parse_event_t event,
+                              const nlohmann::json& parsed) {
+    if (event == nlohmann::json::parse_event_t::key && depth == 1)
+      names.push_back(parsed.get<std::string>());
+    return true;
+  };
+  const nlohmann::json json = nlohmann::json::parse(text, note_names, false);
   if (!json.is_object()) return invalid_file("no fingerprint of the run that it belongs to");
   Fingerprint out;
-  for (const auto& [name, value] : json.items()) {
+  for (const std::string& name : names) {
+    const nlohmann::json& value = json.at(name);
     out.emplace_back(name, value.is_string() ? value.get<std::string>() : short_json(value));
   }
   return out;

@@ -175,8 +175,8 @@ struct IndexWalk {
   std::uint64_t opening_bytes = 0;           // of the nodes read (container/opening.h)
   std::uint64_t pages = 0;                   // charged: damaged ones twice
   std::uint64_t complete_bytes = 0;          // of those that lie within the source
-  std::uint64_t record_bytes = 0;            // of listed records that lie within it
-  std::uint64_t absent = 0;                  // listed records beyond its end
+  std::uint64_t record_bytes = 0;            // of listed records that lie within it, payloads
+  std::uint64_t records = 0;                 // listed
   std::uint32_t segments = 0;                // of the nodes read
   bool keeps_nodes = false;                  // in `nodes`
   std::map<std::uint64_t, Node> nodes;       // by the offset of their record; INDX: 0

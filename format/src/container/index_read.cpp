@@ -183,18 +183,18 @@ class NodeReader {
     }
     entry.bytes = kRecordHeaderBytes + payload;
     at_ += entry.bytes;
-    return at_ <= head_.available_bytes || take_absent(at);
+    return fits_file(at);
   }
 
-  // Counts a record beyond the end of the file. The checks of records within the file bound their
-  // number; these take time for a few bytes of the index.
-  bool take_absent(std::uint64_t at) {
-    const std::uint64_t absent = head_.walk.absent + ++absent_;
-    const std::uint64_t limit = kFreeAbsent + head_.available_bytes / kBytesPerAbsent;
-    if (absent <= limit) return true;
+  // Counts a record. Those that overlap, or lie beyond the end of the file, take time for a few
+  // bytes of the index; others have headers of 24 bytes.
+  bool fits_file(std::uint64_t at) {
+    const std::uint64_t records = head_.walk.records + ++records_;
+    const std::uint64_t limit = kFreeRecords + head_.available_bytes / kBytesPerRecord;
+    if (records <= limit) return true;
     findings_.unsupported(N::kMemoryLimit, at,
-                          "index: more than {} records lie beyond the end of the file, which has "
-                          "{} bytes; it may be incomplete",
+                          "index: more than {} records for the {} bytes of the file, which may be "
+                          "incomplete",
                           limit, head_.available_bytes);
     return false;
   }
@@ -291,7 +291,7 @@ class NodeReader {
   const NodePlace place_;
   const FileHead& head_;
   Findings& findings_;
-  std::uint64_t entries_ = 0, absent_ = 0;
+  std::uint64_t entries_ = 0, records_ = 0;
   std::uint64_t opening_ = 0, checked_ = 0;  // bytes charged; those when they were last checked
   std::uint64_t at_ = 0;                     // offset of the next record of the run
   SegmentKeyCoder keys_;

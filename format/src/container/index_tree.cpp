@@ -97,15 +97,14 @@ bool take_complete(std::uint64_t at, std::uint64_t payload, FileHead& head, Find
   return fits(head.walk.complete_bytes, "nodes", at, head, findings);
 }
 
-// Counts the entries of a node, their primitives and their records (conformance 1.5).
+// Counts the entries of a node, their primitives and the payloads of their records (conformance
+// 1.5).
 bool take_content(const IndexNode& node, std::uint64_t at, FileHead& head, Findings& findings) {
   std::uint64_t entries = node.links.size(), bytes = head.walk.record_bytes;
   const auto take = [&](const RecordRange& entry) {
     if (entry.bytes == 0) return;
-    if (is_complete(entry.offset, entry.bytes, head))
-      bytes += entry.bytes;
-    else
-      ++head.walk.absent;
+    ++head.walk.records;
+    if (is_complete(entry.offset, entry.bytes, head)) bytes += entry.bytes - kRecordHeaderBytes;
   };
   for (const IndexRun& run : node.runs) entries += run.count;
   entries += node.segments.size() + node.further.size();
