@@ -18,12 +18,22 @@ void* copy_bytes(void* to, const void* from, std::size_t count) {
 
 // The largest block that stb_image may allocate: it expands the data of a PNG image without limit.
 thread_local std::size_t max_block = 0;
+// Whether an allocation within max_block failed since it was set.
+thread_local bool lacks_memory = false;
 
+void set_max_block(std::size_t bytes) {
+  max_block = bytes;
+  lacks_memory = false;
+}
+void* noted(void* block) {
+  lacks_memory = lacks_memory || block == nullptr;
+  return block;
+}
 void* allocate(std::size_t bytes) {
-  return bytes > max_block ? nullptr : std::calloc(1, bytes);
+  return bytes > max_block ? nullptr : noted(std::calloc(1, bytes));
 }
 void* reallocate(void* block, std::size_t bytes) {
-  return bytes > max_block ? nullptr : std::realloc(block, bytes);
+  return bytes > max_block ? nullptr : noted(std::realloc(block, bytes));
 }
 
 }  // namespace
@@ -131,11 +141,13 @@ bool tables_fit(std::span<const std::uint8_t> bytes) {
 }
 
 // Returns why stb_image failed. It quotes the type of an unknown chunk, which need not be text.
-std::string_view failure() {
+Status failure(const std::string& path) {
+  if (lacks_memory) return runtime_error("{}: not enough memory to decode the image", path);
   const std::string_view reason = stbi_failure_reason();
   const bool is_text = !reason.empty() && std::all_of(reason.begin(), reason.end(),
                                                       [](char c) { return c >= ' ' && c <= '~'; });
-  return is_text ? reason : "unknown PNG chunk";
+  return invalid_file("{}: cannot decode the image: {} (expected PNG or JPEG)", path,
+                      is_text ? reason : "unknown PNG chunk");
 }
 
 }  // namespace
@@ -227,10 +239,10 @@ Result<Image8> decode_image8(const std::vector<std::uint8_t>& bytes, int channel
   STGS_TRY(check_jpeg(bytes, path));
   const int size = static_cast<int>(bytes.size());
   Image8 image;
-  max_block = largest_block(0, 0);
+  set_max_block(largest_block(0, 0));
   if (stbi_info_from_memory(bytes.data(), size, &image.width, &image.height, &image.channels) ==
       0) {
-    return invalid_file("{}: cannot decode the image: {} (expected PNG or JPEG)", path, failure());
+    return failure(path);
   }
   STGS_TRY(check_image_size(image.width, image.height, path));
   // Of decoding: the inflated samples, the pixels, and their copy.
@@ -241,14 +253,12 @@ Result<Image8> decode_image8(const std::vector<std::uint8_t>& bytes, int channel
         "{}: {}x{} pixels need {} bytes, more than the limit of {}; allow more memory", path,
         image.width, image.height, need, max_memory);
   }
-  max_block = largest_block(image.width, image.height);
+  set_max_block(largest_block(image.width, image.height));
   const std::unique_ptr<stbi_uc, decltype(&stbi_image_free)> pixels(
       stbi_load_from_memory(bytes.data(), size, &image.width, &image.height, &image.channels,
                             channels),
       &stbi_image_free);
-  if (!pixels) {
-    return invalid_file("{}: cannot decode the image: {} (expected PNG or JPEG)", path, failure());
-  }
+  if (!pixels) return failure(path);
   image.channels = channels;
   image.data.assign(pixels.get(),
                     pixels.get() + std::size_t{1} * image.width * image.height * channels);
