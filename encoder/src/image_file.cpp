@@ -140,9 +140,13 @@ bool tables_fit(std::span<const std::uint8_t> bytes) {
   return true;
 }
 
+Status no_memory(const std::string& path) {
+  return {StatusCode::kNoMemory, path + ": not enough memory to decode the image"};
+}
+
 // Returns why stb_image failed. It quotes the type of an unknown chunk, which need not be text.
 Status failure(const std::string& path) {
-  if (lacks_memory) return runtime_error("{}: not enough memory to decode the image", path);
+  if (lacks_memory) return no_memory(path);
   const std::string_view reason = stbi_failure_reason();
   const bool is_text = !reason.empty() && std::all_of(reason.begin(), reason.end(),
                                                       [](char c) { return c >= ' ' && c <= '~'; });
@@ -219,7 +223,7 @@ Result<Image8> read_image8(const ByteSource& file, int channels, std::uint64_t m
     STGS_TRY(file.read(0, bytes));
     return decode_image8(bytes, channels, path, max_memory);
   } catch (const std::bad_alloc&) {
-    return runtime_error("{}: not enough memory to decode the image", path);
+    return no_memory(path);
   }
 }
 
