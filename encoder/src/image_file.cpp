@@ -75,16 +75,21 @@ bool is_frame_header(std::uint8_t code) {
          (code >= 0xc0 && code <= 0xcf && code != kHuffman && code != 0xc8 && code != 0xcc);
 }
 
-// The most pixels for each byte of a JPEG file. A block of 64 pixels takes a bit or more.
-constexpr std::uint64_t kMaxPixelsPerByte = 4096;
+// The most pixels for each byte of a JPEG file: 8 times those of Huffman-coded blocks of one bit.
+constexpr std::uint64_t kMaxJpegPixelsPerByte = 4096;
 
-// Returns the pixels that a segment states which begins with its length; 0 if it cannot be a frame
-// header: 8 bytes and 3 for each of 1 to 4 components.
+// Returns the pixels that a segment states which begins with its length; 0 for a frame header that
+// decoders reject. The bytes of other codecs hardly ever look like one that they accept.
 std::uint64_t pixels_of(std::span<const std::uint8_t> segment) {
   constexpr std::size_t kHeader = 8;
   if (segment.size() < kHeader) return 0;
   const std::size_t length = std::size_t{256} * segment[0] + segment[1], components = segment[7];
   if (components < 1 || components > 4 || length != kHeader + 3 * components) return 0;
+  if (segment.size() < length || segment[2] < 1 || segment[2] > 16) return 0;  // bits
+  for (std::size_t at = kHeader; at < length; at += 3) {
+    const int sampling = segment[at + 1], table = segment[at + 2];
+    if (sampling >> 4 == 0 || (sampling & 0xf) == 0 || table > 3) return 0;
+  }
   const std::uint64_t height = 256u * segment[3] + segment[4];
   const std::uint64_t width = 256u * segment[5] + segment[6];
   return width * height;
@@ -186,7 +191,7 @@ Status check_jpeg(std::span<const std::uint8_t> bytes, const std::string& path) 
     return invalid_file("{}: cannot decode the image: a Huffman table has too many codes", path);
   }
   if (frames > 1) return invalid_file("{}: the JPEG file states its size {} times", path, frames);
-  if (pixels / kMaxPixelsPerByte > bytes.size()) {
+  if (pixels / kMaxJpegPixelsPerByte > bytes.size()) {
     return invalid_file("{}: the JPEG file states {} pixels, more than its {} bytes can hold", path,
                         pixels, bytes.size());
   }
@@ -204,7 +209,7 @@ bool has_oversized_jpeg(std::span<const std::uint8_t> frame) {
     at = static_cast<std::size_t>(marker - frame.data());
     if (is_frame_header(frame[at + 1])) pixels += pixels_of(frame.subspan(at + 2));
   }
-  return pixels / kMaxPixelsPerByte > frame.size();
+  return pixels / kMaxJpegPixelsPerByte > frame.size();
 }
 
 Result<Image8> read_image8(const std::string& path, int channels, std::uint64_t max_memory) {

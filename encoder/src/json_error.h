@@ -16,8 +16,8 @@ namespace stgs::encoder {
 // "[json.exception...]" prefix is removed; other exceptions are returned unchanged.
 std::string json_error(const std::exception& error);
 
-// Parses JSON of at most kMaxJsonNesting levels. kInvalidFile begins with `where`. Every reader of
-// JSON in the encoder calls it: ordered_json would take time quadratic in the keys of an object.
+// Parses JSON of at most kMaxJsonNesting levels. kInvalidFile begins with `where`. Text of others
+// is not parsed to ordered_json, which takes time quadratic in the keys of an object.
 Result<nlohmann::json> parse_json_text(std::string_view text, const std::string& where);
 
 }  // namespace stgs::encoder

@@ -185,20 +185,17 @@ Status check_frame_files(const PreparedCapture& capture, const std::vector<Camer
         path, frame, camera.name, capture.frames);
   };
   DistinctFiles folders;
+  FrameFiles frames;
   for (const Camera& camera : cameras) {
-    STGS_TRY(check_exists(camera, 0));
-    STGS_TRY(check_exists(camera, capture.frames - 1));
     const std::string folder = fmt::format("{}/frames/{}", capture.folder, camera.name);
     const std::string where = fmt::format("{}: camera '{}'", capture.folder, camera.name);
     STGS_TRY(folders.add(*capture.files, folder, where));
-    FrameFiles frames;
     for (int frame = 0; frame < capture.frames; ++frame) {
       STGS_TRY(check_exists(camera, frame));
       STGS_TRY(frames.add(*capture.files, capture.frame_path(camera, frame)));
     }
-    STGS_TRY(frames.check(where));
   }
-  return {};
+  return frames.check(capture.folder);
 }
 
 Status write_prepared_capture(const PreparedCapture& capture) {

@@ -159,6 +159,14 @@ TEST_CASE("JPEG headers that state more pixels than the bytes can hold are refus
   const Status status = probed();
   CHECK(status.code() == StatusCode::kInvalidFile);
   CHECK(fails_with(status, {"a.mp4", "JPEG frames", "more pixels"}));
+  // Not a header that decoders accept, as bytes of other codecs may look.
+  CHECK(has_oversized_jpeg(std::vector<std::uint8_t>(header.begin(), header.end())));
+  for (const auto& [at, value] : {std::pair(4, 17), std::pair(11, 1), std::pair(12, 4)}) {
+    std::vector<std::uint8_t> other(header.begin(), header.end());
+    other[static_cast<std::size_t>(at)] = static_cast<std::uint8_t>(value);
+    CHECK_FALSE(has_oversized_jpeg(other));
+  }
+  CHECK_FALSE(has_oversized_jpeg(std::vector<std::uint8_t>(header.begin(), header.end() - 1)));
   // The only header of an image.
   const std::string image = "\xff\xd8" + header + std::string("\xff\xda\0\2\xff\xd9", 6);
   const std::vector<std::uint8_t> bytes(image.begin(), image.end());

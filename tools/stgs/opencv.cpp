@@ -64,7 +64,8 @@ void set_up_opencv(const CommonOptions& options) {
   // OpenCV reads it when it is loaded. The encoder checks the size that the header states before.
   ::setenv("OPENCV_IO_MAX_IMAGE_PIXELS", std::to_string(encoder::kMaxImagePixels).c_str(), 0);
   // As the first. Behind the check of a video's first bytes, FFmpeg refuses other demuxers and
-  // URLs, and, while it opens a file, decodes only these codecs and no titles of chapters.
+  // URLs, and, while it opens a file, decodes only these codecs and no titles of chapters. The
+  // encoder examines frames of PNG and JPEG before they are decoded.
   ::setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS",
            "protocol_whitelist;file|format_whitelist;mov,mp4,matroska,webm,avi|codec_whitelist;"
            "h264,hevc,av1,libdav1d,libaom-av1,vp8,vp9,mpeg4,mpeg2video,prores,dnxhd,cfhd,"

@@ -24,8 +24,9 @@ namespace {
 // Greatest number of parts of a dotted key. Each part is a table, and toml++ recurses over them. It
 // limits the nesting of values itself.
 constexpr int kMaxKeyParts = 16;
-// Greatest size of a file. toml++ takes time quadratic in the number of dotted keys.
-constexpr std::uint64_t kMaxTomlBytes = 256 << 10;
+// Greatest size of a file: 500 bytes for each of the cameras that a capture may have. toml++ takes
+// time quadratic in the number of dotted keys.
+constexpr std::uint64_t kMaxTomlBytes = 512 << 10;
 
 // Counts the dots between separators, as of a key. A key ends on its line; if the line has quotes,
 // they may contain separators, so all its dots count.

@@ -6,13 +6,17 @@
 
 namespace stgs::encoder {
 
-// As of the folders and files that cameras are named after.
-constexpr std::size_t kMaxNameBytes = 255;
+namespace {
 
-// Runs of letters, split where lower case turns to upper case, and numbers without leading zeros.
-CameraNames::Words CameraNames::words_of(const std::string& name) {
+constexpr std::size_t kMaxNameBytes = 255;  // NAME_MAX: cameras are named after files and folders
+constexpr char kEnd = '\0';
+
+// Returns runs of letters, split where lower case turns to upper case, and numbers without leading
+// zeros, with kEnd before and after each.
+std::string words_of(const std::string& name) {
   enum class Kind { kOther, kDigit, kLower, kUpper };
-  Words words;
+  std::string words;
+  std::size_t first = 0;  // of the last word
   Kind last = Kind::kOther;
   for (const char c : name) {
     const auto byte = static_cast<unsigned char>(c);
@@ -21,21 +25,26 @@ CameraNames::Words CameraNames::words_of(const std::string& name) {
                       : std::isalpha(byte) != 0 || byte >= 0x80 ? Kind::kLower
                                                                 : Kind::kOther;
     const bool continues = kind == last || (last == Kind::kUpper && kind == Kind::kLower);
-    if (kind != Kind::kOther && !continues) words.emplace_back();
+    if (kind != Kind::kOther && !continues) {
+      words += kEnd;
+      first = words.size();
+    }
     if (kind != Kind::kOther) {
-      if (words.back() == "0" && kind == Kind::kDigit) words.back().clear();
-      words.back() += static_cast<char>(std::tolower(byte));
+      if (kind == Kind::kDigit && words.size() == first + 1 && words.back() == '0')
+        words.pop_back();
+      words += static_cast<char>(std::tolower(byte));
     }
     last = kind;
   }
-  return words;
+  return words.empty() ? words : words + kEnd;
 }
 
-bool CameraNames::match(const Words& a, const Words& b) {
-  const Words &longer = a.size() < b.size() ? b : a, &shorter = a.size() < b.size() ? a : b;
-  return !shorter.empty() &&
-         std::search(longer.begin(), longer.end(), shorter.begin(), shorter.end()) != longer.end();
+bool match(const std::string& a, const std::string& b) {
+  const std::string &longer = a.size() < b.size() ? b : a, &shorter = a.size() < b.size() ? a : b;
+  return !shorter.empty() && longer.find(shorter) != std::string::npos;
 }
+
+}  // namespace
 
 CameraNames::CameraNames(const std::vector<SourceCamera>& cameras) {
   for (const SourceCamera& camera : cameras) {
@@ -46,9 +55,9 @@ CameraNames::CameraNames(const std::vector<SourceCamera>& cameras) {
 
 bool CameraNames::any(const std::string& name) const {
   if (name.size() > kMaxNameBytes) return false;
-  const Words words = words_of(name);
+  const std::string words = words_of(name);
   return std::any_of(words_.begin(), words_.end(),
-                     [&](const Words& own) { return match(words, own); });
+                     [&](const std::string& own) { return match(words, own); });
 }
 
 Result<std::size_t> CameraNames::find(const std::string& name, const std::string& path) const {
@@ -58,7 +67,7 @@ Result<std::size_t> CameraNames::find(const std::string& name, const std::string
   }
   if (const auto equal = std::find(names_.begin(), names_.end(), name); equal != names_.end())
     return static_cast<std::size_t>(equal - names_.begin());
-  const Words words = words_of(name);
+  const std::string words = words_of(name);
   std::size_t found = names_.size();
   for (std::size_t i = 0; i < names_.size(); ++i) {
     if (!match(words, words_[i])) continue;

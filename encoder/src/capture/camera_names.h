@@ -25,12 +25,8 @@ class CameraNames {
   Result<std::size_t> find(const std::string& name, const std::string& path) const;
 
  private:
-  using Words = std::vector<std::string>;  // letters and numbers
-  static Words words_of(const std::string& name);
-  static bool match(const Words& a, const Words& b);
-
   std::vector<std::string> names_;
-  std::vector<Words> words_;  // of the names
+  std::vector<std::string> words_;  // of the names: their letters and numbers
 };
 
 }  // namespace stgs::encoder

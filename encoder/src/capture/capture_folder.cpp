@@ -279,8 +279,10 @@ Status FrameFiles::add(const CaptureFolder& files, const std::string& path) {
 Status FrameFiles::check(const std::string& where) const {
   constexpr std::size_t kFreeRepeats = 30;
   if (added_ <= 2 * known_.size() + kFreeRepeats) return {};
-  return invalid_file("{}: its {} frames are links to {} images; remove the repeated ones", where,
-                      added_, known_.size());
+  return invalid_file(
+      "{}: {} frames are links to {} images; replace the links by copies, or select other frames "
+      "with --frames",
+      where, added_, known_.size());
 }
 
 }  // namespace stgs::encoder

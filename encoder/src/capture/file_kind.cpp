@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <filesystem>
 #include <string_view>
 
@@ -86,30 +87,43 @@ Size bmp_size(Bytes bytes) {
   return {number(bytes, 18, 4, false), static_cast<std::uint64_t>(rows < 0 ? -rows : rows)};
 }
 
+constexpr std::uint64_t kTiffShort = 3, kTiffLong = 4;  // types of values
+
 // Returns the value of an entry of a TIFF directory, a single SHORT or LONG. Other types, which
 // decoders accept as well, are 0.
 std::uint64_t tiff_value(Bytes bytes, std::uint64_t entry, bool big) {
-  constexpr std::uint64_t kShort = 3, kLong = 4;
   const std::uint64_t type = number(bytes, entry + 2, 2, big);
-  if ((type != kShort && type != kLong) || number(bytes, entry + 4, 4, big) != 1) return 0;
-  return number(bytes, entry + 8, type == kShort ? 2 : 4, big);
+  if ((type != kTiffShort && type != kTiffLong) || number(bytes, entry + 4, 4, big) != 1) return 0;
+  return number(bytes, entry + 8, type == kTiffShort ? 2 : 4, big);
 }
 
 // Returns whether the strips or tiles of a TIFF image have at most twice the bytes of the file.
 // They may share bytes, which are copied for each. `entry` lists their sizes.
-bool is_tiff_data_short(Bytes bytes, std::uint64_t entry, bool big) {
-  constexpr std::uint64_t kShort = 3, kLong = 4, kFreeBytes = 1 << 20;
+bool tiff_data_fits(Bytes bytes, std::uint64_t entry, bool big) {
+  constexpr std::uint64_t kFreeBytes = 1 << 20;
   const std::uint64_t type = number(bytes, entry + 2, 2, big);
-  const std::uint64_t count = number(bytes, entry + 4, 4, big), width = type == kShort ? 2 : 4;
-  if ((type != kShort && type != kLong) || count > bytes.size() / width) return false;
+  const std::uint64_t count = number(bytes, entry + 4, 4, big), width = type == kTiffShort ? 2 : 4;
+  if ((type != kTiffShort && type != kTiffLong) || count > bytes.size() / width) return false;
   const std::uint64_t at = count * width <= 4 ? entry + 8 : number(bytes, entry + 8, 4, big);
   std::uint64_t sum = 0;
   for (std::uint64_t i = 0; i < count; ++i) sum += number(bytes, at + width * i, width, big);
   return sum <= 2 * bytes.size() + kFreeBytes;
 }
 
-// The size in the first directory, of an image of tiles rounded up to them: each is decoded as a
-// whole.
+// Returns whether the tiles of an image, each of which is decoded as a whole, have at most twice
+// its pixels and 2^24 more.
+bool tiles_fit(const Size& size, const Size& tile) {
+  constexpr double kFree = 1 << 24;
+  const auto rounded = [](std::uint64_t side, std::uint64_t unit) {
+    return std::ceil(static_cast<double>(side) / static_cast<double>(unit)) *
+           static_cast<double>(unit);
+  };
+  const double pixels = static_cast<double>(size.width) * static_cast<double>(size.height);
+  return tile.width != 0 && tile.height != 0 &&
+         rounded(size.width, tile.width) * rounded(size.height, tile.height) <= 2 * pixels + kFree;
+}
+
+// The size in the first directory.
 Size tiff_size(Bytes bytes) {
   constexpr std::uint64_t kWidth = 256, kHeight = 257, kTileWidth = 322, kTileHeight = 323,
                           kStripBytes = 279, kTileBytes = 325, kEntry = 12;
@@ -127,11 +141,9 @@ Size tiff_size(Bytes bytes) {
     if (tag == kHeight) size.height = tiff_value(bytes, at, big);
     if (tag == kTileWidth) tile.width = tiff_value(bytes, at, big);
     if (tag == kTileHeight) tile.height = tiff_value(bytes, at, big);
-    if ((tag == kStripBytes || tag == kTileBytes) && !is_tiff_data_short(bytes, at, big)) return {};
+    if ((tag == kStripBytes || tag == kTileBytes) && !tiff_data_fits(bytes, at, big)) return {};
   }
-  if (tile.width == 0 || tile.height == 0) return {};
-  return {(size.width + tile.width - 1) / tile.width * tile.width,
-          (size.height + tile.height - 1) / tile.height * tile.height};
+  return tiles_fit(size, tile) ? size : Size();
 }
 
 Size webp_size(Bytes bytes) {

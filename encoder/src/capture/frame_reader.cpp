@@ -208,6 +208,8 @@ Result<cv::Mat> decode_file(const CaptureFolder& files, const std::string& path,
     if (!image.empty()) STGS_TRY(check_image_size(image.cols, image.rows, path));
     if (!image.empty()) return image;
   } catch (const cv::Exception& error) {  // for example, a size beyond OpenCV's limit
+    if (error.code == cv::Error::StsNoMem)
+      return Status(StatusCode::kNoMemory, path + ": not enough memory to decode " + what);
     return invalid_file("{}: cannot decode {}: {}", path, what, error.err);
   }
   return invalid_file("{}: cannot decode {}", path, what);

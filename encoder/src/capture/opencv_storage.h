@@ -11,7 +11,7 @@
 
 namespace stgs::encoder {
 
-// A file that was read.
+// The keys of a file. Of repeated keys, the first counts; lists at the root are skipped.
 class Storage {
  public:
   // kInvalidFile if OpenCV cannot parse it.

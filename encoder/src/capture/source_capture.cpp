@@ -117,11 +117,12 @@ Status make_rigid(SourceCamera& camera, const std::string& folder) {
 }
 
 // kInvalidFile if two cameras have one video or folder of images, if two entries of a table have
-// one image, or if most images of a folder are links to others.
+// one image, or if most frames are links to others.
 Status check_distinct(const SourceCapture& capture) {
   const bool lists_images =
       capture.layout == Layout::kNerfstudio || capture.layout == Layout::kPanoptic;
   DistinctFiles known;
+  FrameFiles frames;
   for (const SourceCamera& camera : capture.cameras) {
     std::vector<std::string> paths = {camera.video};
     if (camera.video.empty()) {
@@ -130,11 +131,9 @@ Status check_distinct(const SourceCapture& capture) {
     }
     const std::string where = fmt::format("{}: camera '{}'", capture.folder, camera.name);
     for (const std::string& path : paths) STGS_TRY(known.add(*capture.files, path, where));
-    FrameFiles frames;
     for (const std::string& path : camera.images) STGS_TRY(frames.add(*capture.files, path));
-    STGS_TRY(frames.check(where));
   }
-  return {};
+  return frames.check(capture.folder);
 }
 
 Status check(SourceCapture& capture) {

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <vector>
 
 #include "stgs/format/json_text.h"
@@ -91,10 +92,13 @@ std::string fingerprint_text(const Fingerprint& fingerprint) {
 Result<Fingerprint> read_fingerprint(const std::string& text) {
   STGS_TRY(check_json_nesting(text, "the fingerprint"));
   std::vector<std::string> names;  // in their order, which nlohmann::json does not keep
+  std::set<std::string> known;
   const auto note_names = [&](int depth, nlohmann::json::parse_event_t event,
                               const nlohmann::json& parsed) {
-    if (event == nlohmann::json::parse_event_t::key && depth == 1)
+    if (event == nlohmann::json::parse_event_t::key && depth == 1 &&
+        known.insert(parsed.get<std::string>()).second) {
       names.push_back(parsed.get<std::string>());
+    }
     return true;
   };
   const nlohmann::json json = nlohmann::json::parse(text, note_names, false);

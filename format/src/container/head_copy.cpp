@@ -64,6 +64,7 @@ Result<FoundCopy> find_head_copy(const ByteSource& source, const ReadLimits& lim
   if (found) return found;
   FileHead none;
   none.limits = limits;
+  none.available_bytes = source.size();
   none.header.flags = kGrowing;
   STGS_ASSIGN(FragmentFinder::Found last, FragmentFinder(source, none, none.walk.search).last());
   if (!last) return FoundCopy();

@@ -173,7 +173,7 @@ struct IndexWalk {
   std::map<PartEntry, std::uint32_t> parts;  // their indices
   std::uint64_t entries = 0, bytes = 0;      // of the nodes read (conformance 1.5)
   std::uint64_t opening_bytes = 0;           // of the nodes read (container/opening.h)
-  std::uint64_t pages = 0;                   // charged: damaged ones twice
+  std::uint64_t pages = 0;                   // charged (container/opening.h)
   std::uint64_t complete_bytes = 0;          // of those that lie within the source
   std::uint64_t record_bytes = 0;            // of listed records that lie within it, payloads
   std::uint64_t records = 0;                 // listed

@@ -219,8 +219,9 @@ class Loader {
     if (!fits_opening(head_, 0, 0, link.offset, findings_)) return false;
     std::vector<std::uint8_t> page;
     Findings why, ignored;
-    if (!read_page(link, link.offset, page, why) && !is_fatal(why) && link.copy != 0 &&
-        read_page(link, link.copy, page, ignored)) {
+    const bool intact = read_page(link, link.offset, page, why);
+    if (!intact) ++head_.walk.pages;
+    if (!intact && !is_fatal(why) && link.copy != 0 && read_page(link, link.copy, page, ignored)) {
       findings_.damage(N::kRepairedHead, link.offset,
                        "index is damaged (issue {}) and was read from its copy at byte {}",
                        why.take().front().number, link.copy);
@@ -241,7 +242,6 @@ class Loader {
     if (why.ok()) return add_node(std::move(node), link.offset, depth, next_, head_, findings_);
     const Issue reason = why.take().front();
     lose(link, lost_by(link), static_cast<N>(reason.number), reason.message);
-    ++head_.walk.pages;
     return true;
   }
 

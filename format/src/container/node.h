@@ -18,7 +18,7 @@ namespace stgs {
 // Memory charged for each entry of an index, and the number of entries free of charge (conformance
 // 1.5).
 inline constexpr std::uint64_t kEntryMemory = 512, kFreeEntries = 1024;
-// Records that an index lists: at most so many, and one for so many bytes of the file.
+// An index may list kFreeRecords records, and one more for each kBytesPerRecord bytes of the file.
 inline constexpr std::uint64_t kFreeRecords = 4096, kBytesPerRecord = 20;
 
 // Reserves room for `more` entries. A list grows by half, or exactly if that is more.

@@ -176,12 +176,12 @@ class DistinctFiles {
   std::set<FileId> known_;
 };
 
-// The frames of one camera. Links may repeat some images, as those of a camera that missed frames.
+// The frames of a capture. Links may repeat some images, as those of a camera that missed frames.
 class FrameFiles {
  public:
   // Adds the image at `path`. kIo if there is none.
   Status add(const CaptureFolder& files, const std::string& path);
-  // kInvalidFile if more than half of the images, and more than 30, are links to others. `where`
+  // kInvalidFile if the frames that repeat an image outnumber the images by more than 30. `where`
   // begins the message.
   Status check(const std::string& where) const;
 
