@@ -93,11 +93,8 @@ class HostileCapture(CliTest):
         self.assertLess(time.monotonic() - self.begin, 60)
 
     def test_frames_that_do_not_exist_are_reported_before_the_work(self):
-        last = len(os.listdir(os.path.dirname(self.frame))) - 1
-        self.rejects(IO, "999999.*no such file: frame 999999 of camera", frames=10**6)
-        os.symlink(os.path.basename(self.frame),
-                   self.frame.replace("000000", "999999"))  # the last frame exists
-        self.rejects(IO, f"no such file: frame {last + 1} of camera|999999", frames=10**6)
+        frames = len(os.listdir(os.path.dirname(self.frame)))
+        self.rejects(IO, f"no such file: frame {frames} of camera .*of 1000000", frames=10**6)
         self.assertLess(time.monotonic() - self.begin, 60)
 
     def test_names_of_capture_json_stay_in_the_folder(self):
