@@ -69,12 +69,6 @@ constexpr std::uint8_t kMarker = 0xff, kStartOfImage = 0xd8, kEndOfImage = 0xd9,
 // A scan of a few bytes takes a pass over the image. Encoders write about ten.
 constexpr int kMaxScans = 200;
 
-// Returns whether a segment states the size of a JPEG image. 0xf7: JPEG-LS.
-bool is_frame_header(std::uint8_t code) {
-  return code == 0xf7 ||
-         (code >= 0xc0 && code <= 0xcf && code != kHuffman && code != 0xc8 && code != 0xcc);
-}
-
 // The most pixels for each byte of a JPEG file: 8 times those of Huffman-coded blocks of one bit.
 constexpr std::uint64_t kMaxJpegPixelsPerByte = 4096;
 
@@ -173,6 +167,12 @@ Status check_image_size(std::int64_t width, std::int64_t height, const std::stri
   return {};
 }
 
+bool is_jpeg_frame_header(std::uint8_t marker) {
+  constexpr std::uint8_t kJpegLs = 0xf7, kExtension = 0xc8, kArithmetic = 0xcc;
+  return marker == kJpegLs || (marker >= 0xc0 && marker <= 0xcf && marker != kHuffman &&
+                               marker != kExtension && marker != kArithmetic);
+}
+
 bool is_truncated_jpeg(std::span<const std::uint8_t> bytes) {
   return is_jpeg(bytes) && !visit_segments(bytes, [](std::uint8_t, std::size_t) {});
 }
@@ -185,7 +185,7 @@ Status check_jpeg(std::span<const std::uint8_t> bytes, const std::string& path) 
   (void)visit_segments(bytes, [&](std::uint8_t code, std::size_t at) {
     if (code == kHuffman) has_valid_tables = has_valid_tables && tables_fit(bytes.subspan(at));
     if (code == kStartOfScan) ++scans;
-    if (is_frame_header(code)) ++frames, pixels += pixels_of(bytes.subspan(at));
+    if (is_jpeg_frame_header(code)) ++frames, pixels += pixels_of(bytes.subspan(at));
   });
   if (!has_valid_tables) {
     return invalid_file("{}: cannot decode the image: a Huffman table has too many codes", path);
@@ -207,7 +207,7 @@ bool has_oversized_jpeg(std::span<const std::uint8_t> frame) {
         static_cast<const std::uint8_t*>(std::memchr(&frame[at], kMarker, frame.size() - 2 - at));
     if (marker == nullptr) break;
     at = static_cast<std::size_t>(marker - frame.data());
-    if (is_frame_header(frame[at + 1])) pixels += pixels_of(frame.subspan(at + 2));
+    if (is_jpeg_frame_header(frame[at + 1])) pixels += pixels_of(frame.subspan(at + 2));
   }
   return pixels / kMaxJpegPixelsPerByte > frame.size();
 }

@@ -202,18 +202,20 @@ def chained(size, build):
     return body
 
 
-@case("PAGE", entries_each=(0, 256), damaged=(0, 1))
-def pages(size, entries_each, damaged):
-    """Pages with few entries, one link each."""
+@case("PAGE", entries_each=(0, 256), damaged=(0, 1), copied=(0, 1))
+def pages(size, entries_each, damaged, copied=0):
+    """Pages with few entries, one link each. `copied`: the links share one copy, which is intact."""
     runs = [run(0, 1 << 30, [ENTRY] * entries_each)] if entries_each else []
     page = bytearray(record(b"PAGE", number(0) + number(len(runs)) + b"".join(runs)))
+    copy = bytes(page) * copied
     if damaged:
         page[-1] ^= 1
-    count = size // (len(page) + 24)
+    count = size // (len(page) + 24 + 4 * copied)
     def index(at):
-        return index_of([], links=[struct.pack("<dd", i, i + 1) + number(at + i * len(page)) + number(0) +
+        return index_of([], links=[struct.pack("<dd", i, i + 1) + number(at + i * len(page)) +
+                                   number((at + count * len(page)) * copied) +
                                    number(len(page) - 24) for i in range(count)])
-    return finished(index, body=bytes(page) * count, stated=BYTES_BEYOND)
+    return finished(index, body=bytes(page) * count + copy, stated=BYTES_BEYOND)
 
 
 @case("PAGE", links_each=(1, 4096))

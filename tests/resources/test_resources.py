@@ -55,7 +55,10 @@ def check_refusals(program):
     assert paged.status == UNSUPPORTED, paged
     empty = measure(program, hostile.pages(200_000, entries_each=0, damaged=0))[0]
     lost = measure(program, hostile.pages(200_000, entries_each=1, damaged=1))[0]
+    repaired = measure(program, hostile.pages(80_000, entries_each=0, damaged=1, copied=1))[0]
+    intact = measure(program, hostile.pages(80_000, entries_each=0, damaged=0, copied=1))[0]
     assert (empty.status, lost.status) == (UNSUPPORTED, UNSUPPORTED), (empty, lost)
+    assert (repaired.status, intact.status) == (UNSUPPORTED, OK), (repaired, intact)
     dense = measure(program, hostile.frequent_symbols(300_000, blocks=16, degree=3, joined=1))[1]
     small = measure(program, hostile.frequent_symbols(8_000, blocks=1, degree=3, joined=1))[1]
     assert (dense.status, small.status) == (UNSUPPORTED, OK), (dense, small)

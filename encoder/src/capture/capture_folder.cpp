@@ -280,9 +280,8 @@ Status FrameFiles::check(const std::string& where) const {
   constexpr std::size_t kFreeRepeats = 30;
   if (added_ <= 2 * known_.size() + kFreeRepeats) return {};
   return invalid_file(
-      "{}: {} frames are links to {} images; replace the links by copies, or select other frames "
-      "with --frames",
-      where, added_, known_.size());
+      "{}: {} frames are links to {} images; replace the links by copies of the images", where,
+      added_, known_.size());
 }
 
 }  // namespace stgs::encoder

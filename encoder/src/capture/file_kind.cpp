@@ -69,9 +69,8 @@ Size jpeg_size(Bytes bytes) {
       continue;
     }
     if (marker == 0) return {};  // decoders search on, and may find another size
-    const bool frame = marker >= 0xc0 && marker <= 0xcf && marker != 0xc4 && marker != 0xc8 &&
-                       marker != 0xcc;  // tables and extensions
-    if (frame) return {number(bytes, at + 7, 2, true), number(bytes, at + 5, 2, true)};
+    if (is_jpeg_frame_header(marker))
+      return {number(bytes, at + 7, 2, true), number(bytes, at + 5, 2, true)};
     const bool alone = marker == 0x01 || (marker >= 0xd0 && marker <= 0xd8);
     at += 2 + (alone ? 0 : number(bytes, at + 2, 2, true));
   }
@@ -199,7 +198,10 @@ Status check_image_kind(std::span<const std::uint8_t> bytes, const std::string& 
   }
   const Size size = size_of(kind, bytes);
   if (size.width == 0 || size.height == 0) {
-    return invalid_file("{}: cannot decode {}: its header is truncated or damaged", path, what);
+    return invalid_file(
+        "{}: cannot decode {}: its header is truncated or damaged, or states more data than the "
+        "file can hold; export the image again",
+        path, what);
   }
   return check_image_size(static_cast<std::int64_t>(size.width),
                           static_cast<std::int64_t>(size.height), path + ": " + what);

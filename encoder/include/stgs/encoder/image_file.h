@@ -29,9 +29,12 @@ bool is_truncated_jpeg(std::span<const std::uint8_t> bytes);
 // scans, and has valid Huffman tables; kInvalidFile otherwise. Success for other files.
 Status check_jpeg(std::span<const std::uint8_t> bytes, const std::string& path);
 
-// Returns whether headers of JPEG frames in a stored frame of a video state more pixels than
-// check_jpeg() allows for its bytes, all together. Decoders accept headers anywhere in it, and
-// allocate and clear an image for each.
+// Returns whether a marker begins the header of a JPEG image, which states its size.
+bool is_jpeg_frame_header(std::uint8_t marker);
+
+// Returns whether all JPEG headers in a stored frame of a video together state more pixels than
+// check_jpeg() allows for its bytes. Decoders accept headers at any position, and allocate and
+// clear an image for each.
 bool has_oversized_jpeg(std::span<const std::uint8_t> frame);
 
 // Decodes a PNG or JPEG file to `channels` (1 or 3) channels. The header is checked with
