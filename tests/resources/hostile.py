@@ -148,10 +148,8 @@ def links(size, copies):
 def entries(size, segments, tiers, long=0):
     """Entries of records beyond the end. `long`: with numbers of two bytes."""
     entry = number(1) + number(4 * tiers) + 2 * number(200 if long else 1) * tiers
-    length = 47 + segments * len(entry)
-    def index(at):
-        return index_of([run(p, at, [entry] * segments) for p in range(max(1, size // length))])
-    return finished(index, stated=BYTES_BEYOND)
+    runs = max(1, size // (47 + segments * len(entry)))
+    return finished(lambda at: index_of([run(p, at, [entry] * segments) for p in range(runs)]), stated=BYTES_BEYOND)
 
 
 @case("INDX", records=(1, 57000))
@@ -208,8 +206,7 @@ def pages(size, entries_each, damaged, copied=0):
     runs = [run(0, 1 << 30, [ENTRY] * entries_each)] if entries_each else []
     page = bytearray(record(b"PAGE", number(0) + number(len(runs)) + b"".join(runs)))
     copy = bytes(page) * copied
-    if damaged:
-        page[-1] ^= 1
+    page[-1] ^= damaged
     count = size // (len(page) + 24 + 4 * copied)
     def index(at):
         return index_of([], links=[struct.pack("<dd", i, i + 1) + number(at + i * len(page)) +
