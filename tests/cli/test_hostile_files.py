@@ -214,6 +214,13 @@ class HostileScenes(CliTest):
                 self.fails(INVALID, "a.stgs: cannot be converted: .*finite", *arguments)
         self.fails(INVALID, "a.stgs: cannot be packed: .*finite", "pack", "a.stgs", "-o", "b.stgs")
 
+    def test_an_index_with_too_many_records_advises_no_memory(self):
+        sys.path.insert(0, os.path.join(harness.SOURCE, "tests", "resources"))
+        import hostile
+        self.write("a.stgs", hostile.entries(300_000, segments=1000, tiers=1, long=1))
+        result = self.fails(UNSUPPORTED, "records for the .* download it again", "info", "a.stgs")
+        self.assertNotIn(b"--memory", result.stderr)
+
     def test_the_validator_lists_a_limited_number_of_problems(self):
         sys.path.insert(0, os.path.join(harness.SOURCE, "tests", "resources"))
         import hostile

@@ -136,7 +136,9 @@ Status with_memory_option(const Status& status) {
     if (at == std::string::npos) continue;
     return {status.code(), message.replace(at, advice.size(), kAdvice)};
   }
-  return has_issue(status, kMemoryLimit) ? with_advice(status, kAdvice) : status;
+  // The same number reports records that overlap, or too many of them: more memory does not help.
+  const bool helps = status.message().find("memory") != std::string::npos;
+  return helps && has_issue(status, kMemoryLimit) ? with_advice(status, kAdvice) : status;
 }
 
 std::string with_url_option(std::string message) {

@@ -193,8 +193,8 @@ class NodeReader {
     const std::uint64_t limit = kFreeRecords + head_.available_bytes / kBytesPerRecord;
     if (records <= limit) return true;
     findings_.unsupported(N::kMemoryLimit, at,
-                          "index: more than {} records for the {} bytes of the file, which may be "
-                          "incomplete",
+                          "index: more than {} records for the {} bytes of the file; if it is "
+                          "incomplete, copy or download it again",
                           limit, head_.available_bytes);
     return false;
   }
