@@ -5,6 +5,7 @@
 #include "command.h"
 #include "end_after_signal.h"
 #include "image_io.h"
+#include "lpips_option.h"
 #include "memory_option.h"
 #include "options.h"
 #include "scene_input.h"
@@ -19,10 +20,14 @@ constexpr const char* kIncomplete = "the comparison is not complete";
 
 struct Difference {
   double mse = 0, ssim = 0, max = 0;
+  double lpips = 0;  // with a network
 };
 
-Result<Difference> difference(const Image& a, const Image& b) {
+Result<Difference> difference(const Image& a, const Image& b, const encoder::Lpips* lpips) {
   Difference d;
+  if (lpips != nullptr) {
+    STGS_ASSIGN(d.lpips, lpips->distance(a, b));
+  }
   d.mse = encoder::mean_squared_error(a, b);
   d.max = encoder::max_difference(a, b);
   STGS_ASSIGN(const encoder::Ssim similarity, encoder::ssim(a, b));
@@ -43,13 +48,20 @@ Status limit_error(const std::string& name, int width, int height, std::uint64_t
                   name, width, height, human_bytes(bytes), human_bytes(memory))};
 }
 
-// Returns a third of the memory that is left beside an image of the first scene and SSIM: for the
-// segments of each scene, and for the renderer that is at work. kLimit if it is too little for the
-// frames of the renderer. `name`: where the camera is from.
+// Returns the memory of the metrics for images of this size.
+std::uint64_t metric_bytes(int width, int height, const encoder::Lpips* lpips) {
+  const std::uint64_t of_lpips = lpips == nullptr ? 0 : lpips->working_bytes(width, height);
+  return std::max(encoder::ssim_bytes(width), of_lpips);
+}
+
+// Returns a third of the memory that is left beside an image of the first scene and the metrics:
+// for the segments of each scene, and for the renderer that is at work. kLimit if it is too little
+// for the frames of the renderer. `name`: where the camera is from.
 Result<std::uint64_t> third_of_memory(std::uint64_t memory, const encoder::Camera& camera,
-                                      const std::string& name) {
+                                      const encoder::Lpips* lpips, const std::string& name) {
   const std::uint64_t pixels = static_cast<std::uint64_t>(camera.width) * camera.height;
-  const std::uint64_t images = kImageBytes * pixels + encoder::ssim_bytes(camera.width);
+  const std::uint64_t images =
+      kImageBytes * pixels + metric_bytes(camera.width, camera.height, lpips);
   const std::uint64_t needed = images + 3 * kFrameBytes * pixels;
   if (needed > memory) return limit_error(name, camera.width, camera.height, needed, memory);
   return (memory - images) / 3;
@@ -62,7 +74,8 @@ class Compare final : public Command {
         "compare", "Measure the difference between two images or two .stgs files",
         "Compares two images (PNG, JPEG, EXR), or renders two .stgs files from the start camera\n"
         "of the first, or from --camera, at several times. Prints psnr (of the pooled error, at\n"
-        "most 100), ssim (as evaluate) and the largest difference of a channel in [0,1]. Exit\n"
+        "most 100), ssim (as evaluate), the largest difference of a channel in [0,1] and, with\n"
+        "--lpips, the mean LPIPS (smaller is better). Exit\n"
         "code 7 if psnr is below --min-psnr, if the images differ in size, or if the scenes\n"
         "differ in duration.",
         "  stgs compare a.png b.png\n  stgs compare lossless.stgs packed.stgs --min-psnr 40"};
@@ -81,6 +94,7 @@ class Compare final : public Command {
     app.add_option("--num-frames", num_frames_, "For .stgs files: number of frames, evenly spaced")
         ->check(number_between(1, 1000))
         ->capture_default_str();
+    lpips_.declare(app);
     memory_.declare(app);
   }
 
@@ -91,13 +105,15 @@ class Compare final : public Command {
                          display_name(b_));
     }
     const EndAfterSignal end(session, kIncomplete);
+    STGS_TRY(lpips_.open());
     return images ? compare_images(session) : compare_scenes(session);
   }
 
  private:
   Status compare_images(Session& session) {
     STGS_ASSIGN(Image a, read_image(a_, memory_.bytes()));
-    const std::uint64_t held = a.data.size() * sizeof(float) + encoder::ssim_bytes(a.width);
+    const std::uint64_t held =
+        a.data.size() * sizeof(float) + metric_bytes(a.width, a.height, lpips_.network());
     if (held > memory_.bytes()) return limit_error(a_, a.width, a.height, held, memory_.bytes());
     STGS_ASSIGN(Image b, read_image(b_, memory_.bytes() - held));
     if (interrupted()) return runtime_error(kIncomplete);
@@ -108,7 +124,7 @@ class Compare final : public Command {
     }
     STGS_TRY(encoder::check_finite(a, a_));
     STGS_TRY(encoder::check_finite(b, b_));
-    STGS_ASSIGN(const Difference d, difference(a, b));
+    STGS_ASSIGN(const Difference d, difference(a, b, lpips_.network()));
     if (interrupted()) return runtime_error(kIncomplete);
     Json json = {{"a", a_}, {"b", b_}, {"kind", "images"}};
     return report(session, json, d);
@@ -119,9 +135,9 @@ class Compare final : public Command {
     STGS_ASSIGN(auto first, open_scene(session, a_, limits));
     STGS_ASSIGN(auto second, open_scene(session, b_, limits));
     STGS_ASSIGN(const encoder::Camera camera, find_camera(first->metadata()));
-    STGS_ASSIGN(
-        const std::uint64_t third,
-        third_of_memory(limits.max_memory, camera, camera_.empty() ? display_name(a_) : camera_));
+    STGS_ASSIGN(const std::uint64_t third,
+                third_of_memory(limits.max_memory, camera, lpips_.network(),
+                                camera_.empty() ? display_name(a_) : camera_));
     const auto timeline = [&](std::unique_ptr<SceneReader> reader, const std::string& location) {
       auto made = player::Timeline::from_reader(std::move(reader), display_name(location), third);
       made->budget()->set_limit(Budget::Pool::kRenderer, third);  // which is 1 GiB at least
@@ -146,9 +162,10 @@ class Compare final : public Command {
       for (int k = 0; k < 2; ++k) {
         STGS_ASSIGN(images[k], render(session, k == 0 ? *a : *b, seconds, camera));
       }
-      STGS_ASSIGN(const Difference d, difference(images[0], images[1]));
+      STGS_ASSIGN(const Difference d, difference(images[0], images[1], lpips_.network()));
       total.mse += d.mse / num_frames_;
       total.ssim += d.ssim / num_frames_;
+      total.lpips += d.lpips / num_frames_;
       total.max = std::max(total.max, d.max);
       if (!session.progress("compare", static_cast<std::size_t>(i) + 1,
                             static_cast<std::size_t>(num_frames_))) {
@@ -183,6 +200,7 @@ class Compare final : public Command {
     json["psnr"] = psnr;
     json["ssim"] = d.ssim;
     json["max_difference"] = d.max;
+    lpips_.add(d.lpips, json);
     std::string text;
     if (json.contains("primitives")) {
       text = fmt::format(
@@ -190,8 +208,8 @@ class Compare final : public Command {
           json["primitives"][1].get<std::uint64_t>(), json["bytes"][0].get<std::uint64_t>(),
           json["bytes"][1].get<std::uint64_t>());
     }
-    text +=
-        fmt::format("psnr {:.3f} dB, ssim {:.5f}, max difference {:.5f}\n", psnr, d.ssim, d.max);
+    text += fmt::format("psnr {:.3f} dB, ssim {:.5f}, max difference {:.5f}", psnr, d.ssim, d.max);
+    text += lpips_.text(d.lpips) + "\n";
     STGS_TRY(session.emit(json, text));
     if (psnr < min_psnr_) {
       return {StatusCode::kDiffers,
@@ -201,6 +219,7 @@ class Compare final : public Command {
   }
 
   MemoryOption memory_;
+  LpipsOption lpips_;
   std::string a_, b_, camera_;
   double min_psnr_ = 0;
   int num_frames_ = 5;

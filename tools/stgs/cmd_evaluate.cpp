@@ -6,6 +6,7 @@
 #include "command.h"
 #include "end_after_signal.h"
 #include "image_io.h"
+#include "lpips_option.h"
 #include "memory_option.h"
 #include "moving.h"
 #include "options.h"
@@ -22,6 +23,7 @@ namespace {
 
 struct Scores {
   double mse = 0, psnr = 0, psnr_cc = 0, ssim = 0, ssim_2 = 0;
+  double lpips = 0;          // with a network
   ErrorSum moving;           // summed, never averaged
   std::uint64_t pixels = 0;  // tested for motion; 0 without a background
 };
@@ -35,11 +37,13 @@ Scores mean_of(const std::vector<Scores>& all) {
     mean.psnr_cc += s.psnr_cc;
     mean.ssim += s.ssim;
     mean.ssim_2 += s.ssim_2;
+    mean.lpips += s.lpips;
     mean.moving += s.moving;
     mean.pixels += s.pixels;
   }
   const auto n = static_cast<double>(all.size());
-  for (double* v : {&mean.mse, &mean.psnr, &mean.psnr_cc, &mean.ssim, &mean.ssim_2}) *v /= n;
+  for (double* v : {&mean.mse, &mean.psnr, &mean.psnr_cc, &mean.ssim, &mean.ssim_2, &mean.lpips})
+    *v /= n;
   return mean;
 }
 
@@ -98,6 +102,7 @@ struct Job {
   std::size_t camera = 0;
   int frame = 0;
   Image image;
+  Scores scores;
 };
 
 class Evaluate final : public Command {
@@ -119,7 +124,8 @@ class Evaluate final : public Command {
         "and weighted by opacity. coverage: number of primitives whose centre is visible to no\n"
         "training camera, to one, or to several; the depth of those visible to fewer than two is\n"
         "not constrained. A training window is measured at its own frames. In a file of several\n"
-        "windows, the window of a primitive stands for the clip.",
+        "windows, the window of a primitive stands for the clip. lpips, with --lpips: mean LPIPS\n"
+        "(version 0.1) of the images as they are; smaller is better.",
         "  stgs evaluate scene.stgs --against prepared/\n"
         "  stgs evaluate scene.stgs --against prepared/ --cameras 0,10 --every 5 --format json"};
   }
@@ -137,11 +143,13 @@ class Evaluate final : public Command {
     app.add_option("--every", every_, "Evaluate every Nth frame, from the first")
         ->check(number_between(1, 1e9))
         ->capture_default_str();
+    lpips_.declare(app);
     memory_.declare(app);
   }
 
   Status run(Session& session) override {
     const EndAfterSignal end(session, "the evaluation is not complete");
+    STGS_TRY(lpips_.open());
     STGS_ASSIGN(auto reader, open_scene(session, file_, memory_.limits()));
     const auto timeline = player::Timeline::from_reader(std::move(reader), shown_file());
     STGS_ASSIGN(const auto capture, encoder::read_prepared_capture(folder_, allow_outside_));
@@ -202,18 +210,28 @@ class Evaluate final : public Command {
   }
 
   // Returns the error of the first job that has one.
-  Status score_jobs(const std::vector<Job>& jobs) {
+  Status score_jobs(std::vector<Job>& jobs) {
     std::vector<Status> scoring(jobs.size());
     parallel_for(std::size_t{0}, jobs.size(), [&](std::size_t i) {
-      const Job& job = jobs[i];
+      Job& job = jobs[i];
       auto result =
           score(job.image, capture_, cameras_[job.camera], job.frame, backgrounds_[job.camera]);
       scoring[i] = result.status();
-      if (result.ok()) {
-        scores_[job.camera][static_cast<std::size_t>(job.frame / every_)] = *result;
-      }
+      if (result.ok()) job.scores = *result;
     });
     for (const Status& status : scoring) STGS_TRY(status);
+    for (Job& job : jobs) {
+      if (lpips_.network() != nullptr) STGS_TRY(measure_lpips(job));
+      scores_[job.camera][static_cast<std::size_t>(job.frame / every_)] = job.scores;
+    }
+    return {};
+  }
+
+  // Uses all threads for one image, because a network needs much memory.
+  Status measure_lpips(Job& job) {
+    STGS_ASSIGN(const encoder::Image8 loaded,
+                encoder::load_frame(capture_, cameras_[job.camera], job.frame));
+    STGS_ASSIGN(job.scores.lpips, lpips_.network()->distance(job.image, encoder::to_float(loaded)));
     return {};
   }
 
@@ -265,6 +283,7 @@ class Evaluate final : public Command {
                    {"height", camera.height},
                    {"frames", scores_[c].size()}};
       view.update(to_json(mean));
+      lpips_.add(mean.lpips, view);
       views.push_back(view);
       row(one_line(camera.name), fmt::format("{}x{}", camera.width, camera.height),
           scores_[c].size(), mean);
@@ -279,14 +298,16 @@ class Evaluate final : public Command {
         kStaticDrift);
     text += fmt::format("primitives visible to no training camera {}, to one {}, to several {}\n",
                         coverage_.by_none, coverage_.by_one, coverage_.by_more);
-    text += fmt::format("psnr of the pooled error {:.3f} dB, peak memory {}\n",
-                        encoder::psnr_of(mean.mse), human_bytes(peak_memory()));
+    text += fmt::format("psnr of the pooled error {:.3f} dB{}, peak memory {}\n",
+                        encoder::psnr_of(mean.mse), lpips_.text(mean.lpips),
+                        human_bytes(peak_memory()));
     Json json = {{"file", shown_file()},
                  {"against", folder_},
                  {"cameras", which_},
                  {"every", every_},
                  {"images", all.size()}};
     json.update(to_json(mean));
+    lpips_.add(mean.lpips, json);
     json["static_drift"] = to_json(drift_);
     json["coverage"] = to_json(coverage_);
     json["views"] = views;
@@ -295,6 +316,7 @@ class Evaluate final : public Command {
   }
 
   MemoryOption memory_;
+  LpipsOption lpips_;
   std::string file_, folder_, which_ = "test";
   bool allow_outside_ = false;
   int every_ = 1;

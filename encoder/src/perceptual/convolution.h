@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// SIMD 3x3 convolutions, channels last. Every output is a single sum in a fixed order, so results
-// do not depend on the number of threads.
+// SIMD convolutions and poolings, channels last. Every output is a single sum in a fixed order, so
+// results do not depend on the number of threads.
 #pragma once
 
 #include <cstddef>
@@ -27,25 +27,48 @@ struct FeatureMap {
   }
 };
 
-class Convolution3x3 {
- public:
-  Convolution3x3() = default;
-  // weight: out x in x 3 x 3; bias: out.
-  Convolution3x3(const std::vector<float>& weight, const std::vector<float>& bias, int in, int out);
-  // Returns the convolution that maps dL/doutput to dL/dinput: the kernels are flipped, and their
-  // input and output channels exchanged.
-  static Convolution3x3 backward(const std::vector<float>& weight, int in, int out);
+// A square window that moves over a map.
+struct Window {
+  int size = 3, stride = 1;
+  int padding = 1;    // pixels of zeros on each side; for a pooling 0
+  bool ceil = false;  // the last window may extend beyond the map; for a pooling alone
+  // Returns the number of windows along a side of this many pixels.
+  int count(int pixels) const {
+    const int room = pixels + 2 * padding - size;
+    return room < 0 ? 0 : (room + (ceil ? stride - 1 : 0)) / stride + 1;
+  }
+};
 
-  // Convolves `input` and reshapes `output` to output_channels(). Parallel over blocks of the
-  // output.
+class Convolution {
+ public:
+  Convolution() = default;
+  // weight: out x in x size x size; bias: out.
+  Convolution(const std::vector<float>& weight, const std::vector<float>& bias, int in, int out,
+              Window window = {});
+  // Returns the 3x3 convolution that maps dL/doutput to dL/dinput: the kernels are flipped, and
+  // their input and output channels exchanged.
+  static Convolution backward(const std::vector<float>& weight, int in, int out);
+
+  // Convolves `input`, which has at least one window, and reshapes `output` to output_channels().
+  // Parallel over blocks of the output.
   void apply(const FeatureMap& input, bool relu, FeatureMap& output) const;
   // Returns the number of output channels, padded with zero channels to a multiple of 16.
   int output_channels() const { return static_cast<int>(bias_.size()); }
+  const Window& window() const { return window_; }
+  // Returns whether apply() gathers the pixels of each window first: size^2 maps of the output's
+  // size.
+  bool gathers() const;
 
  private:
+  void apply_to_pixels(const FeatureMap& input, int taps, bool relu, FeatureMap& output) const;
+
   int in_ = 0;
+  Window window_;
   std::vector<float> panels_;  // per 16 outputs: for each tap and input, 16 weights
   std::vector<float> bias_;
 };
+
+// Reshapes `out` to the maxima of the windows of `in`.
+void max_pool(const FeatureMap& in, const Window& window, FeatureMap& out);
 
 }  // namespace stgs::encoder

@@ -27,19 +27,7 @@ void load(const Patch& patch, const Colour& colour, FeatureMap& input) {
   });
 }
 
-void pool(const FeatureMap& in, FeatureMap& out) {
-  out.reshape(in.width / 2, in.height / 2, in.channels);
-  for_rows(out.height, [&](int y) {
-    for (int x = 0; x < out.width; ++x) {
-      const float* a = in.pixel(2 * x, 2 * y);
-      const float* b = in.pixel(2 * x, 2 * y + 1);
-      const int n = in.channels;
-      float* to = out.pixel(x, y);
-      for (int c = 0; c < n; ++c)
-        to[c] = std::max(std::max(a[c], a[c + n]), std::max(b[c], b[c + n]));
-    }
-  });
-}
+constexpr Window kPooling = {.size = 2, .stride = 2, .padding = 0};
 
 // Backward pass of pooling: the gradient goes to the first maximum of a window, in row order.
 void pool_backward(const FeatureMap& in, const FeatureMap& d_out, FeatureMap& d_in) {
@@ -71,7 +59,7 @@ PerceptualLoss::PerceptualLoss(const Vgg16& network) : channel_weights_(network.
     const VggLayer& layer = kVggLayers[i];
     const VggConvolution& convolution = network.convolutions[i];
     forward_[i] = {convolution.weight, convolution.bias, layer.in, layer.out};
-    backward_[i] = Convolution3x3::backward(convolution.weight, layer.in, layer.out);
+    backward_[i] = Convolution::backward(convolution.weight, layer.in, layer.out);
   }
 }
 
@@ -114,7 +102,7 @@ void PerceptualLoss::forward() {
   const FeatureMap* in = &input_;
   for (std::size_t i = 0; i < kLayers; ++i) {
     if (kVggLayers[i].pool_before) {
-      pool(*in, pooled_[i]);
+      max_pool(*in, kPooling, pooled_[i]);
       in = &pooled_[i];
     }
     forward_[i].apply(*in, true, features_[i]);

@@ -36,7 +36,7 @@ class PerceptualLoss {
   double tap_backward(std::size_t layer, float weight);
   void add_gradient(const Patch& patch, Image& d_image);
 
-  std::array<Convolution3x3, kLayers> forward_, backward_;
+  std::array<Convolution, kLayers> forward_, backward_;
   std::array<std::vector<float>, kVggTaps> channel_weights_;
   FeatureMap input_;
   std::array<FeatureMap, kLayers> features_;  // after ReLU
