@@ -8,13 +8,14 @@ import time
 
 class Nginx:
     """`limit`: bytes per second of each connection, as in nginx's limit_rate; 0: unlimited.
-    `precompressed`: sends FILE.gz in place of FILE to browsers."""
+    `precompressed`: sends FILE.gz in place of FILE to browsers. `settings`: more of the server, such as
+    locations."""
 
     START_TIMEOUT = 60  # seconds; a busy machine starts slowly
 
-    def __init__(self, folder, limit="0", precompressed=False):
+    def __init__(self, folder, limit="0", precompressed=False, settings=""):
         self.folder, self.limit = folder, limit
-        self.compression = "gzip_static on;" if precompressed else ""
+        self.settings = settings + ("gzip_static on;" if precompressed else "")
         self.config = folder + "/nginx.conf"
         self.pid, self.log = folder + "/pid", folder + "/error.log"
 
@@ -45,7 +46,7 @@ class Nginx:
               fastcgi_temp_path {folder}/3; uwsgi_temp_path {folder}/4;
               scgi_temp_path {folder}/5;
               server {{ listen 127.0.0.1:{self.port}; root {folder}; limit_rate {self.limit};
-                {self.compression} }} }}"""
+                {self.settings} }} }}"""
         with open(self.config, "w", encoding="ascii") as file:
             file.write(config if os.getuid() else "user root;" + config)
         self.server = subprocess.Popen(["nginx", "-e", self.log, "-c", self.config],

@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """The links of all pages resolve, in the source tree and in the documentation site, which is built
-without a warning and reaches every page and every declaration of the public headers.
+without a warning and reaches every page, every declaration of the public headers and every name of the
+package for browsers.
 
 usage: test_site.py SOURCE DOXYGEN DOXYFILE    DOXYGEN is empty if it is not installed
 """
@@ -131,6 +132,41 @@ class Site(unittest.TestCase):
         for name in "Scene", "Renderer", "Player", "Encoder", "Recorder", "Error":
             self.assertIn(f"classstgs_1_1hpp_1_1{name}.html", shown)
         self.assertIn("start_view", shown["classstgs_1_1hpp_1_1Scene.html"])
+
+
+@unittest.skipUnless(shutil.which("node") and shutil.which("tsc"), "needs node and tsc")
+class JavaScript(unittest.TestCase):
+    """The reference of the package for browsers, which the site contains."""
+
+    @staticmethod
+    def make(*folder):
+        return subprocess.run(["node", os.path.join(SOURCE, "sdk/docs/site/javascript.mjs"), shutil.which("tsc"), *folder],
+                              capture_output=True, text=True, check=False)
+
+    def test_every_exported_name_is_described(self):
+        made = self.make()
+        self.assertEqual((made.returncode, made.stderr), (0, ""))
+        page, names = Page(made.stdout), {"StgsPlayerElement"}
+        for module in "index", "stgs-bridge", "three/index", "playcanvas/index", "webgpu/index", "webgl2/index":
+            text = read(SOURCE, f"sdk/web/src/{module}.ts")
+            for listed in re.findall(r"^export (?:type )?\{([^}]*)\}", text, re.MULTILINE):
+                names |= set(re.findall(r"\w+", listed))
+            names |= set(re.findall(r"^export (?:function|interface|class|type) (\w+)", text, re.MULTILINE))
+        self.assertGreater(len(names), 50)
+        self.assertEqual([name for name in sorted(names) if f"js-{name}" not in page.anchors], [])
+        self.assertEqual([link for link in page.links if link[1:] not in page.anchors], [])
+        self.assertIn("js-ScenePlayer-currentTime", page.anchors)
+
+    def test_missing_comments_and_members_are_reported(self):
+        with tempfile.TemporaryDirectory() as folder:
+            with open(os.path.join(folder, "index.ts"), "w", encoding="utf-8") as file:
+                file.write("/** See `Box.size`, `Box.none` and `Other.none`. */\nexport function open(): Box { return { size: 1 }; }\n"
+                           "export interface Box { size: number; }\n")
+            made = self.make(folder)
+        self.assertEqual(made.returncode, 1)
+        self.assertEqual(made.stderr, "javascript.mjs: Box has no comment\njavascript.mjs: the comment of open refers to"
+                                      " Box.none, which is not in the reference\n")
+        self.assertIn('<a href="#js-Box-size"><code>Box.size</code></a>', made.stdout)
 
 
 if __name__ == "__main__":

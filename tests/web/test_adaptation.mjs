@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The amount fetched and drawn depends on the device and on frame times, and is reported.
 import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
 import { test } from "node:test";
 import { importSource } from "./import_source.mjs";
 import { FakeHost, FakeRenderer, FakeWorker, INFO, settle } from "./player_fakes.mjs";
@@ -46,6 +47,17 @@ test("budgets depend on the device and on its memory, unless the page chooses", 
   const { reason, memoryBudget } = deviceOf(DESKTOP, "headset");
   assert.equal(reason, "chosen by the page; 8 GiB of memory");
   assert.equal(memoryBudget, 2 ** 28);
+});
+
+test("the guide states the budgets", () => {
+  const guide = readFileSync(new URL("../../sdk/docs/guide/browser.md", import.meta.url), "utf8");
+  const rows = [...guide.matchAll(/^\| `(phone|headset|desktop)`.*? \| .*? \| (.*?) \| (.*?) \| (.*?) \|$/gm)];
+  assert.equal(rows.length, 3);
+  for (const [, kind, ...cells] of rows)
+    [4, null, 8].forEach((memory, column) => {
+      const { maxPrimitives, memoryBudget } = deviceOf({ ...DESKTOP, memory }, kind);
+      assert.equal(cells[column], `${maxPrimitives / 1e6} million, ${memoryBudget / 2 ** 20} MiB`, `${kind}, ${memory} GiB`);
+    });
 });
 
 test("the load is lowered soon and raised late", () => {
@@ -311,4 +323,31 @@ test("the page can give its canvas another size", async () => {
   Object.assign(canvas, { width: 800, height: 400 });
   await play(parts, 2, 20);
   assert.equal(renderer.frames[renderer.frames.length - 1].camera.width, 600);
+});
+
+test("the frame rate is that of completed frames", async () => {
+  const { player, renderer, host } = await startPlaying();
+  let frames = 0;
+  renderer.statistics = { primitives: 0, visible: 0, sortMs: 0, get frames() { return Math.floor(frames); } };
+  const { render } = renderer;
+  renderer.render = (...view) => (frames += 0.2, render.apply(renderer, view)); // the GPU completes every fifth
+  await host.run(2000);
+  assert.ok(Math.abs(player.stats.framesPerSecond - 10) <= 1, `${player.stats.framesPerSecond} fps`);
+  frames = 0; // of another renderer
+  await host.run(100);
+  assert.ok(player.stats.framesPerSecond <= 1);
+  player.pause();
+  await host.run(1100);
+  assert.equal(player.stats.framesPerSecond, 0);
+});
+
+test("a renderer that is being loaded draws no frames and is not late", async () => {
+  const { player, renderer, host, worker } = await startPlaying();
+  renderer.name = null;
+  renderer.statistics = { primitives: 0, visible: 0, sortMs: 0, frames: 0 };
+  await host.run(4000);
+  worker.state("playing", 4);
+  await host.run(2000);
+  assert.equal(player.stats.framesPerSecond, 0);
+  assert.equal(player.qualityReport.resolutionScale, 1);
 });

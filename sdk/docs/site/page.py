@@ -6,12 +6,15 @@ usage: page.py FILE
 
 Pages and headings get labels, links between pages become references to these labels, and links to
 files that are not part of the site become the paths of those files. Paths of pages and names of the C
-interface, as code, become links.
+interface, as code, become links. javascript.mjs adds the reference to the page on JavaScript, if node and
+tsc are installed.
 """
 import functools
 import glob
 import os
 import re
+import shutil
+import subprocess
 import sys
 
 ROOT = os.path.normpath(os.path.join(os.path.dirname(os.path.abspath(__file__)), "../../.."))
@@ -21,6 +24,7 @@ FOLDERS = {"sdk/docs/site": "start", "sdk/docs/guide": "guide", "sdk/docs": "lib
            "tests/bench": "results"}
 PROJECT_PAGES = ("ARCHITECTURE.md", "CHANGELOG.md", "CONTRIBUTING.md", "RELEASING.md", "SECURITY.md",
                  "tests/bench/SUMMARY.md")
+JAVASCRIPT = "sdk/docs/javascript.md"
 FENCE = re.compile(r"^\s*```")
 HEADING = re.compile(r"^(#{1,6}) (.*?)\s*$")
 # A link, whose text may contain code, or a code span.
@@ -130,10 +134,22 @@ def convert(text, path):
     return "\n".join(lines) + "\n"
 
 
+def javascript_reference():
+    """The reference of the package for browsers; empty without the programs that make it."""
+    node, tsc = shutil.which("node"), shutil.which("tsc")
+    if node is None or tsc is None:
+        return ""
+    made = subprocess.run([node, f"{ROOT}/sdk/docs/site/javascript.mjs", tsc], stdout=subprocess.PIPE,
+                          text=True, check=False)
+    return f"\n@htmlonly\n{made.stdout}@endhtmlonly\n"
+
+
 def main():
     path = os.path.relpath(os.path.abspath(sys.argv[1]), ROOT).replace(os.sep, "/")
     with open(sys.argv[1], encoding="utf-8") as file:
         sys.stdout.write(convert(file.read(), path))
+    if path == JAVASCRIPT:
+        sys.stdout.write(javascript_reference())
 
 
 if __name__ == "__main__":
