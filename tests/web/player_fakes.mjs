@@ -51,7 +51,7 @@ export async function settle() {
 
 export const INFO = {
   duration: 10, tickSeconds: 0.04, frames: 250, shDegree: 1, primitives: 1000,
-  boundsMin: [-1, -1, -1], boundsMax: [1, 1, 1], up: null, background: [0, 0, 0],
+  boundsMin: [-1, -1, -1], boundsMax: [1, 1, 1], up: null, metresPerUnit: null, floor: null, background: [0, 0, 0],
   tierPrimitives: [600, 1000], audio: null,
   startCamera: {
     rotation: [1, 0, 0, 0, 1, 0, 0, 0, 1], translation: [0, 0, 5],
@@ -144,7 +144,7 @@ export class FakeRenderer {
   }
 }
 
-export class FakeCanvas {
+export class FakeCanvas extends EventTarget {
   width = 640;
   height = 360;
   toBlob(callback, type) {

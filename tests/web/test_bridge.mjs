@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A bridge between two windows: test_element.py tests it with two origins in Chromium.
 import assert from "node:assert/strict";
+import { getEventListeners } from "node:events";
 import { test } from "node:test";
 import { importSource } from "./import_source.mjs";
 
@@ -40,7 +41,7 @@ class FakePlayer extends EventTarget {
 }
 
 /** Connects to a player in a frame. */
-async function open() {
+async function open(signal) {
   const inner = new FakeWindow("https://inner.example"), outer = new FakeWindow("https://outer.example");
   Object.assign(inner, { parent: outer, other: outer });
   outer.other = inner;
@@ -48,7 +49,7 @@ async function open() {
   globalThis.window = inner;
   const end = expose(player, [outer.origin]);
   globalThis.window = outer;
-  const remote = await connect({ contentWindow: inner }, { origin: inner.origin });
+  const remote = await connect({ contentWindow: inner }, { origin: inner.origin, signal });
   return { player, remote, end };
 }
 
@@ -63,6 +64,20 @@ test("a recording is followed, and bad numbers are refused", async () => {
   await assert.rejects(remote.play(), { name: "Error", message: "no decoder" });
   remote.close();
   end();
+});
+
+test("a signal ends the connection, and is released when the connection is closed", async () => {
+  const aborted = new AbortController();
+  const { remote, end } = await open(aborted.signal);
+  aborted.abort();
+  await assert.rejects(remote.pause(), { name: "InvalidStateError" });
+  end();
+  const { signal } = new AbortController();
+  const other = await open(signal);
+  assert.equal(getEventListeners(signal, "abort").length, 1);
+  other.remote.close();
+  assert.equal(getEventListeners(signal, "abort").length, 0);
+  other.end();
 });
 
 test("the page with the player ends the connection", async () => {

@@ -35,6 +35,13 @@ test("bytes have three significant digits at most", () => {
   assert.equal(text.formatBytes(504e6), "504 MB");
 });
 
+test("the name of the renderer points out blending in 8 bits", () => {
+  assert.equal(text.formatRenderer(null, {}), "–");
+  assert.equal(text.formatRenderer("webgpu", {}), "WebGPU");
+  assert.equal(text.formatRenderer("webgl2", { targetFormat: "rgba16f" }), "WebGL2");
+  assert.equal(text.formatRenderer("webgl2", { targetFormat: "rgba8" }), "WebGL2, 8-bit blending");
+});
+
 test("rates step through the menu from any rate", () => {
   assert.equal(keyboard.nextRate(1, 1), 1.5);
   assert.equal(keyboard.nextRate(1, -1), 0.75);
@@ -47,6 +54,15 @@ test("rates step through the menu from any rate", () => {
 test("arrow keys seek a tenth of the clip, at most 5 s", () => {
   assert.equal(keyboard.seekStep(0.7), 0.06999999999999999);
   assert.equal(keyboard.seekStep(600), 5);
+});
+
+test("the seek slider has the keys of a slider", () => {
+  const time = (name, more) => keyboard.sliderTime(key(name, more), 50, 200);
+  assert.deepEqual(["ArrowLeft", "ArrowDown", "PageDown", "Home"].map((name) => time(name)), [45, 45, 30, 0]);
+  assert.deepEqual(["ArrowRight", "ArrowUp", "PageUp", "End"].map((name) => time(name)), [55, 55, 70, 200]);
+  assert.equal(keyboard.sliderTime(key("PageUp"), 195, 200), 200);
+  assert.equal(time("ArrowUp", { shiftKey: true }), null); // rotates
+  assert.equal(time(" "), null);
 });
 
 test("keys with modifiers stay with the browser", () => {

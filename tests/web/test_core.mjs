@@ -64,7 +64,7 @@ describe("the core", { concurrency: true }, () => {
       const shown = own.all("segment").filter(({ segment }) => segment.begin <= ticks && ticks <= segment.end);
       assert.ok(shown.length > 0);
     }
-    assert.equal(own.all("event").filter(({ kind }) => kind !== "layers").length, 0);
+    assert.deepEqual(own.all("problem"), []);
     assert.ok(file.bytesRead < long.length / 2, `reads ${file.bytesRead} of ${long.length} bytes`);
   });
 
@@ -85,7 +85,7 @@ describe("the core", { concurrency: true }, () => {
     let failures = 2;
     file.fails = ({ bytes }) => bytes >= 2 ** 16 && failures-- > 0; // the index first
     await own.seek(2000);
-    assert.ok(own.all("event").some(({ kind }) => kind === "read-failed"));
+    assert.ok(own.all("problem").some(({ kind }) => kind === "read-failed"));
   });
 
   core("a recording is followed until it is closed", async (own) => {
@@ -105,7 +105,7 @@ describe("the core", { concurrency: true }, () => {
     file.size = recording.length;
     await own.until(({ live, state }) => live === null && state === "ended");
     assert.ok(Math.abs(own.state.duration - FRAGMENTS * FRAGMENT) < 1e-6);
-    assert.equal(own.all("event").filter(({ kind }) => kind === "finished").length, 1);
+    assert.deepEqual(own.all("problem"), []); // the end of the recording is none
     assert.ok(own.all("segment").some(({ segment }) => segment.end > (FRAGMENTS - 1) * 10));
     const polls = file.reads.length;
     await delay(500);
@@ -162,7 +162,7 @@ describe("the core", { concurrency: true }, () => {
     file.fails = ({ offset }) => offset === 0 && failures-- > 0;
     file.size = recorded(4);
     await own.until(({ duration }) => duration > 3.5 * FRAGMENT);
-    assert.equal(own.all("event").filter(({ kind }) => kind === "read-failed").length, 1);
+    assert.equal(own.all("problem").filter(({ kind }) => kind === "read-failed").length, 1);
   });
 
   for (const [what, change] of [
@@ -179,6 +179,30 @@ describe("the core", { concurrency: true }, () => {
       assert.match(message, /replaced|shorter/);
     });
   }
+
+  core("a read of the source before that ends late does not end one of the next source", async (own) => {
+    const gates = [];
+    for (const file of [new ServedFile(long), new ServedFile(long)]) {
+      own.messages = [];
+      const gate = { held: 0 };
+      gate.opened = new Promise((open) => (gate.open = open));
+      const fetch = file.fetch.bind(file);
+      file.fetch = async (options) => {
+        if (own.openedAt > 0) ++gate.held, await gate.opened;
+        return fetch(options);
+      };
+      gates.push(gate);
+      own.openedAt = 0;
+      await own.open(file, { lookAhead: 1 });
+      await own.wait(() => gate.held > 0, "read");
+    }
+    gates[0].open(); // these reads were aborted when the next source was opened
+    await delay(100);
+    assert.deepEqual(own.all("problem"), []);
+    gates[1].open();
+    await own.until((state) => state.layers === state.layerCount);
+    assert.deepEqual(own.all("problem"), []);
+  });
 
   core("a finished file that is replaced is an error", async (own) => {
     const file = new ServedFile(long);

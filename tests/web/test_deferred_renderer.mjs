@@ -30,7 +30,7 @@ test("what happens before the renderer is ready happens once it is", async () =>
   moved.translation[2] = 9;
   const exact = renderer.renderExactly(camera, 2);
   assert.equal(renderer.name, null);
-  assert.deepEqual(renderer.statistics, { primitives: 0, visible: 0, sortMs: 0 });
+  assert.deepEqual(renderer.statistics, { primitives: 0, visible: 0, sortMs: 0, frames: 0 });
   assert.equal((await renderer.readPixels()).length, 0);
 
   const target = new FakeRenderer();

@@ -350,7 +350,10 @@ test("a screenshot is rendered exactly", async () => {
   const blob = await player.screenshot();
   assert.equal(blob.type, "image/png");
   assert.deepEqual(renderer.frames.map((frame) => frame.exact), [true]);
-  await rejectsWith(setUp().player.screenshot(), "InvalidStateError");
+  const other = setUp();
+  other.player.src = "scene.stgs";
+  other.worker.opened(); // loadedmetadata is not enough
+  await assert.rejects(other.player.screenshot(), { name: "InvalidStateError", message: /loadeddata/ });
 });
 
 test("statistics report the renderer, the frames and the data", async () => {

@@ -103,13 +103,13 @@ test("a worker that fails and a renderer that throws are errors", async () => {
   assert.match(other.player.error.message, /rendering failed: context lost/);
 });
 
-test("notices of the core are passed on", async () => {
+test("problems of the core are notices", async () => {
   const { player, worker } = await openScene();
   let detail = null;
   player.addEventListener("notice", (event) => (detail = event.detail));
-  worker.send({ type: "event", kind: "read_failed", message: "segment 3 is missing" });
+  worker.send({ type: "problem", kind: "read-failed", message: "segment 3 is missing" });
   await settle();
-  assert.deepEqual(detail, { kind: "read_failed", message: "segment 3 is missing" });
+  assert.deepEqual(detail, { kind: "read-failed", message: "segment 3 is missing" });
 });
 
 test("destroy while loading rejects and dispatches nothing", async () => {
@@ -141,6 +141,22 @@ test("destroy rejects a screenshot", async () => {
   const screenshot = player.screenshot();
   player.destroy();
   await rejectsWith(screenshot, "AbortError");
+});
+
+test("a lost WebGL2 context rejects screenshots", async () => {
+  const { player, renderer, canvas } = await openScene();
+  let isLost = false;
+  renderer.views = { context: { isContextLost: () => isLost } };
+  renderer.renderExactly = () => new Promise(() => undefined);
+  const screenshot = player.screenshot();
+  isLost = true;
+  canvas.dispatchEvent(new Event("webglcontextlost"));
+  await rejectsWith(screenshot, "InvalidStateError");
+  await rejectsWith(player.screenshot(), "InvalidStateError");
+  isLost = false;
+  renderer.renderExactly = async () => undefined;
+  await player.screenshot();
+  assert.equal(player.error, null);
 });
 
 test("a renderer that keeps failing is one error", async () => {
@@ -179,6 +195,17 @@ test("a failure of the renderer is an error of the player", async () => {
   assert.deepEqual(events, ["error"]);
   assert.equal(player.error.message, "rendering failed: the GPU device was lost");
   assert.equal(player.activeRenderer, "webgl2");
+});
+
+test("a scene that the renderer refuses is an error", async () => {
+  const { player, renderer, worker, events } = setUp();
+  renderer.setScene = () => { throw new Error("the GPU has no memory"); };
+  const loading = player.load("scene.stgs");
+  worker.opened();
+  await rejectsWith(loading, "PlayerError");
+  await settle();
+  assert.equal(player.error.message, "rendering failed: the GPU has no memory");
+  assert.deepEqual(events, ["loadstart", "error"]);
 });
 
 test("a segment that the renderer refuses is an error of memory", async () => {

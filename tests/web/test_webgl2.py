@@ -98,6 +98,8 @@ class WebGl2Test(RendererCase):
         self.assertRegex(errors["depth"], "created without the option depth$")
         self.assertRegex(errors["texture"], "^the depth texture of a view cannot be drawn to")
         self.assertRegex(errors["extension"], "^depth needs EXT_color_buffer_float")
+        self.assertIn("framebuffer", errors["restored"])
+        self.assertEqual(errors["format"], "rgba8")
 
     def test_a_restored_context_shows_all_segments(self):
         self.check_variant("restored", TARGETS)

@@ -1,9 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // Programs that use the types of the adapters: they have to compile.
 import { Entity } from "playcanvas";
-import { StgsScript } from "stgs/playcanvas";
-import { StgsMesh } from "stgs/three";
+import { setResources as setScriptResources, StgsScript } from "stgs/playcanvas";
+import type { Resources } from "stgs/three";
+import { setResources, StgsMesh } from "stgs/three";
 import { WebGLRenderer } from "three";
+
+export function inline(files: Resources): void {
+  setResources(files);
+  setScriptResources(files);
+}
 
 export async function playMesh(renderer: WebGLRenderer, file: File): Promise<StgsMesh> {
   const mesh = new StgsMesh({ renderer, loop: true, memoryBudget: 2 ** 28, quality: "low", device: "phone" });

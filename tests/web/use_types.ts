@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // A program that uses the types of the package: it has to compile.
-import { createPlayer, SegmentPlayer, StgsPlayer } from "stgs";
-import type { Camera, LiveState, QualityReport, Renderer, SceneInfo } from "stgs";
+import { createPlayer, createWorker, defineStgsPlayer, PlayerError, SegmentPlayer, StgsPlayer } from "stgs";
+import type {
+  BufferedRanges, Camera, CameraSource, ErrorReason, Host, LiveState, PlayerNotice, QualityReport, Renderer, SceneInfo,
+  StgsPlayerElement, StgsPlayerFactory, WorkerLike,
+} from "stgs";
 import { connect } from "stgs/bridge";
 import { createWebGl2Renderer } from "stgs/webgl2";
 import { createWebGpuRenderer } from "stgs/webgpu";
@@ -45,6 +48,26 @@ export async function control(frame: HTMLIFrameElement): Promise<number | null> 
 
 export async function rendererOf(canvas: HTMLCanvasElement): Promise<Renderer> {
   return "gpu" in navigator ? createWebGpuRenderer(canvas) : createWebGl2Renderer(canvas);
+}
+
+export function watch(player: StgsPlayer | StgsPlayerElement): BufferedRanges {
+  player.addEventListener("notice", (event) => {
+    const { kind, message } = (event as CustomEvent<PlayerNotice>).detail;
+    if (kind === "damaged") console.log(message);
+    // @ts-expect-error: not a problem
+    if (kind === "buffering") console.log(message);
+  });
+  const reason: ErrorReason | undefined = player.error?.reason;
+  if (player.error?.code === PlayerError.MEDIA_ERR_NETWORK) console.log(reason);
+  if (player.stats.targetFormat === "rgba8") console.log("blended in 8 bits");
+  return player.buffered;
+}
+
+export function playWithParts(canvas: HTMLCanvasElement, renderer: Renderer, host: Host, source: CameraSource): void {
+  const worker: WorkerLike = createWorker();
+  new StgsPlayer({ canvas, renderer, host, worker }).cameraSource = source;
+  const factory: StgsPlayerFactory = { createWorker, createRenderer: () => renderer };
+  defineStgsPlayer(factory, "my-player");
 }
 
 const element = document.createElement("stgs-player");

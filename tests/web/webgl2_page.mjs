@@ -60,12 +60,12 @@ async function renderReplaced({ scene, cases }) {
   await postFrame(`${one.name}.empty`, page);
 }
 
-/** A canvas whose context lacks an extension. */
-function canvasWithout(extension) {
+/** A canvas whose context lacks these extensions. */
+function canvasWithout(...extensions) {
   const canvas = document.createElement("canvas");
   const gl = canvas.getContext("webgl2", { antialias: false });
   const find = gl.getExtension.bind(gl);
-  gl.getExtension = (name) => (name === extension ? null : find(name));
+  gl.getExtension = (name) => (extensions.includes(name) ? null : find(name));
   return canvas;
 }
 
@@ -146,6 +146,19 @@ function canvasWithoutMemory() {
   return canvas;
 }
 
+/** Resolves to the message of a renderer that cannot restore its context. */
+async function restoreWithoutMemory() {
+  const canvas = canvasWithout(), gl = canvas.getContext("webgl2"), extension = gl.getExtension("WEBGL_lose_context");
+  const lost = new Promise((done) => canvas.addEventListener("webglcontextlost", done));
+  const reported = new Promise((onError) => createWebGl2Renderer(canvas, { onError }));
+  extension.loseContext();
+  await lost;
+  await delay(50);
+  gl.createFramebuffer = () => null;
+  extension.restoreContext();
+  return (await reported).message;
+}
+
 /** Posts the messages of calls that must fail. */
 async function postErrors({ scene, cases }) {
   const messages = {};
@@ -181,6 +194,9 @@ async function postErrors({ scene, cases }) {
   for (const one of await segmentsOf(scene)) small.addSegment(one);
   await small.renderExactly(cases[0].camera, cases[0].ticks).catch(keep("memory"));
   small.destroy();
+  messages.restored = await restoreWithoutMemory();
+  const coarse = canvasWithout("EXT_color_buffer_float", "EXT_color_buffer_half_float");
+  messages.format = createWebGl2Renderer(coarse).statistics.targetFormat;
   await post("errors.json", JSON.stringify(messages));
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The functions of the host that the WASM core calls (HostFunctions in
+// The functions of the host that the WASM core calls (HostImports in
 // sdk/web/src/core/instance.ts). Offsets in a file are doubles, which are exact below 2^53.
 #pragma once
 

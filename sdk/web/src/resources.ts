@@ -3,6 +3,7 @@
 import { OPEN_BYTES, rangeReader, ReadError } from "./core/range_reader";
 import { textOf } from "./player/errors";
 import type { StartMessage } from "./types";
+import { workerUrl } from "./worker_url";
 
 /** The files, where they do not lie next to the script. */
 export interface Resources {
@@ -15,7 +16,8 @@ let replaced: Resources | null = null;
 
 /**
  * Uses these files instead of those next to the script, as in a page of one file. Call before the
- * first player is created. They must be of the same version as the script.
+ * first player is created. They must be of the same version as the script. `stgs`, `stgs/three` and
+ * `stgs/playcanvas` are separate scripts: each has a function of its own, which applies to its players only.
  */
 export function setResources(resources: Resources): void {
   replaced = resources;
@@ -75,9 +77,9 @@ function provideStart(worker: Worker, source: string): void {
  * opened next, if known.
  */
 export function createWorker(source?: string | Blob): Worker {
-  // Bundlers need the literals in place.
-  const worker = replaced === null ? new Worker(new URL("./stgs-worker.js", import.meta.url), { type: "module", name: "stgs" })
-    : new Worker(replaced.worker, { type: "module", name: "stgs" });
+  // Bundlers recognise this form of URL.
+  const script = replaced === null ? new URL("./stgs-worker.js", import.meta.url) : new URL(replaced.worker, document.baseURI);
+  const worker = new Worker(workerUrl(script), { type: "module", name: "stgs" });
   provideCore(worker);
   if (typeof source === "string") provideStart(worker, source);
   return worker;

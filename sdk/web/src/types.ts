@@ -55,6 +55,13 @@ export interface LiveState {
   latency: number;        // from the position to the live edge
   targetLatency: number;  // the latency that playback converges to
 }
+/**
+ * Problems that do not end playback: `retry`, a read failed and is repeated; `read-failed`, data could not be read and is
+ * requested again later; `damaged`, the image lacks corrupt data; `stalled`, a recording in progress no longer grows.
+ */
+export type ProblemKind = "retry" | "read-failed" | "damaged" | "stalled";
+/** `detail` of a `notice` event: a problem that does not end playback, also of the sound or the renderer. */
+export interface PlayerNotice { kind: ProblemKind | "audio" | "renderer"; message: string }
 /** Messages of the core worker to the page. */
 export type CoreMessage =
   | { type: "opened"; info: SceneInfo }
@@ -64,7 +71,7 @@ export type CoreMessage =
       rate: number; buffered: [number, number][]; layers: number; layerCount: number;
       bytes: number /* fetched */; bytesPerSecond: number /* recent; 0: not known yet */; memory: number /* bytes of the budget in use */; duration: number;
       live: LiveState | null /* null: the file is complete */; tierPrimitives: number[] /* as in SceneInfo, as far as known now */ }
-  | { type: "event"; kind: string; message: string }
+  | { type: "problem"; kind: ProblemKind; message: string }
   | { type: "error"; code: "network" | "format" | "unsupported" | "memory" | "usage" | "aborted"; message: string };
 /** Messages of the page to the core worker. */
 export type PageMessage =
@@ -90,8 +97,14 @@ export type StartMessage =
 /** Statistics of a recent frame. */
 export interface RendererStatistics {
   primitives: number;  // of all segments that were added
+  /**
+   * WebGPU: the splats of a recent frame after culling. WebGL2, which culls later: the primitives of the current order,
+   * which are active at its time or, during playback, become active soon.
+   */
   visible: number;
   sortMs: number;
+  /** The format in which WebGL2 blends: rgba8, which shows bands of colour, if the GPU cannot blend rgba16f. */
+  targetFormat?: "rgba16f" | "rgba8";
   /**
    * Milliseconds on the GPU: of evaluation, culling, projection, SH and sort together, and of
    * rasterisation. Only of a WebGPU renderer whose device has timestamps; browsers round them.

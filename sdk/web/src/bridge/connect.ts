@@ -7,6 +7,7 @@ import { checkOrigin, isRecord, Methods, Reply, RemoteEvent, RemoteState, Settin
 const TIMEOUT = 10_000; // milliseconds
 const MAX_PENDING = 32; // requests
 
+/** Settings of connect(). */
 export interface ConnectOptions {
   /** The origin of the embedded page; default: that of the `src` of the frame. */
   origin?: string;
@@ -128,7 +129,10 @@ export function connect(
 ): Promise<RemotePlayer> {
   return new Promise((resolve, reject) => {
     checkOrigin(origin);
-    const player = new RemotePlayer(() => window.removeEventListener("message", onMessage));
+    const player = new RemotePlayer(() => {
+      window.removeEventListener("message", onMessage);
+      signal?.removeEventListener("abort", onAbort);
+    });
     let page: unknown = null; // the load of the page that the player is connected to
     const send = (stgs: WindowMessage["stgs"], to: string, ports: MessagePort[] = []): void => {
       const message: WindowMessage = { stgs, version: VERSION };
@@ -148,6 +152,7 @@ export function connect(
       player.close();
       reject(error);
     };
+    const onAbort = () => end(signal!.reason);
     const timer = setTimeout(() => {
       const message = `no player on ${origin} answers; its page must permit ${location.origin} (attribute bridge)`;
       end(new DOMException(message, "TimeoutError"));
@@ -157,7 +162,7 @@ export function connect(
       resolve(player);
     });
     if (signal?.aborted) return end(signal.reason);
-    signal?.addEventListener("abort", () => end(signal.reason));
+    signal?.addEventListener("abort", onAbort);
     window.addEventListener("message", onMessage);
     send("ping", "*"); // has no content
   });

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The player of the WASM core (sdk/web/core/exports.cpp), one per instance.
-import type { LiveState, OpenOptions } from "../types";
+import type { LiveState, OpenOptions, ProblemKind } from "../types";
 import { Instance } from "./instance";
 
 /** The functions of the host that the player calls. Addresses are in the memory of the module. */
@@ -91,11 +91,6 @@ export class Core {
     return this.instance.bytes(address, length);
   }
 
-  /** Bytes of the module's memory. */
-  get memoryBytes(): number {
-    return this.instance.memoryBytes;
-  }
-
   /**
    * Starts to open a file of `fileBytes` bytes. `follows`: whether it may grow; `decodes`: segments that the
    * host decodes at a time.
@@ -170,9 +165,10 @@ export class Core {
     return JSON.parse(this.instance.text(this.instance.exports.stgs_state())) as CoreState;
   }
 
-  /** The events since the last call. */
-  events(): CoreEvent[] {
-    return JSON.parse(this.instance.text(this.instance.exports.stgs_events())) as CoreEvent[];
+  /** The problems since the last call. The other events of the core have no message; the state contains them. */
+  problems(): CoreProblem[] {
+    const events = JSON.parse(this.instance.text(this.instance.exports.stgs_events())) as { message: string }[];
+    return events.filter(({ message }) => message !== "") as CoreProblem[];
   }
 
   /** The next segment to show or to drop; null: there is none. */
@@ -231,9 +227,9 @@ export interface CoreState {
   memory: number;
   bytesPerSecond: number;
 }
-export interface CoreEvent {
-  kind: string;
-  seconds: number;
+/** `replaced`: the server now has another file, which ends playback. */
+export interface CoreProblem {
+  kind: ProblemKind | "replaced";
   message: string;
 }
 /** `decoded`: the id of its decoding, or 0: the segment is no longer needed. Times are ticks, as PackedSegment. */

@@ -100,10 +100,13 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
     const controller = new AbortController();
     this.reads.set(id, controller);
     const to = new Uint8Array(bytes);
+    const isCurrent = () => this.reads.get(id) === controller; // each core counts its ids from the same start
     this.reader!.read(offset, to, controller.signal).then(
-      (fileBytes) => this.readEnded(id, "", address, to, fileBytes),
+      (fileBytes) => {
+        if (isCurrent()) this.readEnded(id, "", address, to, fileBytes);
+      },
       (error: unknown) => {
-        if (!this.reads.has(id)) return; // closed
+        if (!isCurrent()) return; // closed
         if (error instanceof ReadError && !error.retry && error.code !== "aborted") this.fail(error);
         else this.readEnded(id, decoderProblem(error), address, to);
       });
@@ -134,13 +137,13 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
   }
 
   private readEnded(id: number, failure: string, address: number, bytes: Uint8Array, fileBytes = 0): void {
-    if (this.core === null || !this.reads.delete(id)) return;
+    this.reads.delete(id);
     try {
       if (failure === "") {
-        this.core.bytes(address, bytes.length).set(bytes);
+        this.core!.bytes(address, bytes.length).set(bytes);
         this.marks.mark("fetched");
       }
-      this.core.readDone(id, failure, fileBytes);
+      this.core!.readDone(id, failure, fileBytes);
       this.schedule(0);
     } catch (error) {
       this.fail(error);
@@ -248,9 +251,9 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
   /** Reports the state as of `at`. Returns milliseconds: once they have passed, it is due. */
   private report(at: number): number {
     const core = this.core!;
-    for (const { kind, message } of core.events()) {
+    for (const { kind, message } of core.problems()) {
       if (kind === "replaced") throw new ReadError(message, false, "network");
-      this.post({ type: "event", kind, message }, []);
+      this.post({ type: "problem", kind, message }, []);
     }
     const state = this.state();
     if (state.buffered.some(([begin, end]) => begin <= state.seconds && state.seconds < end)) this.marks.mark("ready");

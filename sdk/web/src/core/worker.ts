@@ -24,6 +24,7 @@ function runDecoder(scope: Scope<DecoderRequest, DecoderReply>): void {
 }
 
 function runPlayer(scope: Scope<PageMessage | StartMessage, CoreMessage>): void {
+  // The URL is that of a Blob if the script is of another origin than the page (workerUrl()).
   const startDecoder = (): DecoderThread => new Worker(scope.location.href, { type: "module", name: DECODER });
   let provideModule: (message: Extract<StartMessage, { type: "core" }>) => void;
   let provideStart: (start: FileStart | ReadFailure | null) => void = () => undefined;

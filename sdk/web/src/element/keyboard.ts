@@ -80,3 +80,15 @@ export function nextRate(rate: number, direction: 1 | -1): number {
 export function seekStep(duration: number): number {
   return Math.min(5, duration / 10);
 }
+
+/** Steps of the keys of a slider, in `seekStep`. */
+const SLIDER: Readonly<Record<string, number>> = {
+  ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1, PageDown: -4, PageUp: 4, Home: -Infinity, End: Infinity,
+};
+
+/** Returns the time to which a key of the focused seek slider seeks, seconds; null: it is no key of a slider. */
+export function sliderTime(input: KeyInput, time: number, duration: number): number | null {
+  const steps = SLIDER[input.key];
+  if (steps === undefined || input.shiftKey || input.ctrlKey || input.altKey || input.metaKey) return null;
+  return Math.min(Math.max(time + steps * seekStep(duration), 0), duration);
+}

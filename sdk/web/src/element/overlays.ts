@@ -4,10 +4,9 @@ import { PlayerStats } from "../player/player";
 import { create, iconButton, setIcon, setLabel } from "./dom";
 import { icon } from "./icons";
 import { Media } from "./media";
-import { formatBytes, formatCount } from "./text";
+import { formatBytes, formatCount, formatRenderer } from "./text";
 
 const STATISTICS_INTERVAL = 500; // milliseconds
-const RENDERERS = { webgl2: "WebGL2", webgpu: "WebGPU" };
 
 /** Figures of the player, in a corner. */
 export class StatisticsPanel {
@@ -37,7 +36,7 @@ export class StatisticsPanel {
       ["Resolution", `${media.videoWidth} × ${media.videoHeight}`],
       ["Primitives", formatCount(stats.primitives)],
       ["Visible", formatCount(stats.visible)],
-      ["Renderer", media.activeRenderer === null ? "–" : RENDERERS[media.activeRenderer]],
+      ["Renderer", formatRenderer(media.activeRenderer, stats)],
       ["Sorting", `${stats.sortMs.toFixed(1)} ms`],
       ...gpuTimes(stats),
       ["Layers", `${stats.layers} of ${stats.layerCount}`],

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 import { create } from "./dom";
+import { sliderTime } from "./keyboard";
 import { Media } from "./media";
 import { formatTime, speakTime } from "./text";
 
@@ -20,6 +21,7 @@ export class SeekSlider {
     }, track, this.thumb, this.hint);
     this.root.addEventListener("pointerdown", (event) => this.begin(event));
     this.root.addEventListener("pointermove", (event) => this.move(event));
+    this.root.addEventListener("keydown", (event) => this.onKey(event));
     this.root.addEventListener("pointerleave", () => this.root.classList.remove("hover"));
     for (const type of ["pointerup", "pointercancel"] as const) {
       this.root.addEventListener(type, (event) => this.end(event));
@@ -100,8 +102,21 @@ export class SeekSlider {
     if (event.pointerType !== "mouse") this.root.classList.remove("hover");
   }
 
+  /** The keys of a slider do not reach the player, where up and down change the speed. */
+  private onKey(event: KeyboardEvent): void {
+    const duration = this.duration();
+    const time = duration === 0 ? null : sliderTime(event, this.media.currentTime, duration);
+    if (time === null) return;
+    event.preventDefault();
+    this.seekTo(time);
+  }
+
   private seek(event: PointerEvent): void {
-    this.media.currentTime = this.timeAt(event);
+    this.seekTo(this.timeAt(event));
+  }
+
+  private seekTo(time: number): void {
+    this.media.currentTime = time;
     this.update();
   }
 }

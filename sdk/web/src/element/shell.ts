@@ -73,9 +73,9 @@ export class Shell {
     this.root.style.setProperty("--height", `${height}px`);
   }
 
-  /** Replaces the canvas: a renderer that was destroyed leaves its canvas without a context. */
-  setCanvas(canvas: HTMLCanvasElement): void {
-    this.view.replaceChildren(canvas);
+  /** Replaces the canvas: a renderer that was destroyed leaves its canvas without a context. Null: there is none. */
+  setCanvas(canvas: HTMLCanvasElement | null): void {
+    this.view.replaceChildren(...(canvas === null ? [] : [canvas]));
   }
 
   /** A press on the image: a mouse plays and pauses, a finger shows and hides the controls. */
@@ -111,11 +111,11 @@ export class Shell {
 
   private listen(): void {
     const { host, media, autoHide } = this;
-    for (const name of STATE_EVENTS) media.addEventListener(name, () => this.update());
-    media.addEventListener("timeupdate", () => this.bar.updateTime());
     media.addEventListener("emptied", () => (this.hasPlayed = false));
     media.addEventListener("play", () => (this.hasPlayed = true));
-    for (const name of ["play", "pause"]) {
+    for (const name of STATE_EVENTS) media.addEventListener(name, () => this.update());
+    media.addEventListener("timeupdate", () => this.bar.updateTime());
+    for (const name of ["play", "pause", "emptied"]) {
       media.addEventListener(name, () => autoHide.setPlaying(!media.paused));
     }
     host.addEventListener("pointermove", (event) => {

@@ -2,12 +2,12 @@
 // The custom element <stgs-player>.
 import { PlayerError } from "../player/errors";
 import { forwardEvents } from "../player/event_queue";
-import { NO_STATS, PlayerStats, StgsPlayer } from "../player/player";
-import { BufferedRanges } from "../player/ranges";
+import { StgsPlayer } from "../player/player";
 import { resume } from "../player/resume";
+import { checkRate } from "../player/scene_player";
 import { checkVolume } from "../player/sound";
 import type { RendererChoice } from "../renderer_choice";
-import { LiveState, Renderer, SceneInfo } from "../types";
+import { PlayerNotice, Renderer } from "../types";
 import type { XrMode, XrOptions } from "../xr/presenter";
 import { BridgeAttribute } from "./bridge_attribute";
 import { CameraInput } from "./camera_input";
@@ -17,7 +17,7 @@ import { CameraRig, CameraView } from "./cameras/rig";
 import { observePixels } from "./dom";
 import type { StgsPlayerFactory } from "./factory";
 import { Media, toggle } from "./media";
-import { ReflectedElement } from "./reflected_element";
+import { MediaState } from "./media_state";
 import { Shell } from "./shell";
 
 const MAX_PIXEL_RATIO = 2; // of the canvas to CSS pixels
@@ -29,10 +29,10 @@ const MAX_PIXEL_RATIO = 2; // of the canvas to CSS pixels
  * `StgsPlayer`; attributes are reflected. Without `controls`, only the camera takes input. `free` lifts the
  * limits of the orbit.
  *
- * The player is created when the element is connected or used, and destroyed when it is removed
- * from the page; then the position is lost.
+ * The player is created when the element is connected, or by `load`, `play`, `currentTime` or `srcObject`. It is
+ * destroyed when the element is removed from the page; then the position is lost.
  */
-export abstract class StgsPlayerElement extends ReflectedElement implements Media {
+export abstract class StgsPlayerElement extends MediaState implements Media {
   static readonly observedAttributes = [
     "src", "controls", "autoplay", "loop", "poster", "camera", "free", "renderer", "quality", "device",
     "audio", "bridge", "latency",
@@ -41,7 +41,6 @@ export abstract class StgsPlayerElement extends ReflectedElement implements Medi
   private readonly shell: Shell;
   private readonly observer: ResizeObserver;
   private readonly bridge = new BridgeAttribute();
-  private player: StgsPlayer | null = null;
   private canvas: HTMLCanvasElement | null = null;
   private input: CameraInput | null = null;
   private rig: CameraRig | null = null;
@@ -49,8 +48,8 @@ export abstract class StgsPlayerElement extends ReflectedElement implements Medi
   private choice: RendererChoice | null = null; // instead of `renderer`, after WebGPU was lost
   private object: Blob | null = null;
   private wantedVolume = 1;
+  private wantedRate = 1; // of the next player
   private wantsMuted: boolean | null = null; // null: as the attribute states
-  private failure: PlayerError | null = null; // of a player that could not be created
   private isReflecting = false; // sets `src` to the source that is being loaded
 
   protected abstract readonly factory: StgsPlayerFactory;
@@ -82,7 +81,8 @@ export abstract class StgsPlayerElement extends ReflectedElement implements Medi
   attributeChangedCallback(name: string, _old: string | null, value: string | null): void {
     switch (name) {
       case "src":
-        if (this.object !== null || this.isReflecting) break;
+        if (this.isReflecting || (value === null && this.object !== null)) break;
+        this.object = null;
         if (this.player !== null || this.isConnected) this.reload();
         break;
       case "controls":
@@ -120,7 +120,6 @@ export abstract class StgsPlayerElement extends ReflectedElement implements Medi
     return this.getAttribute("src") ?? "";
   }
   set src(url: string) {
-    this.object = null;
     this.setAttribute("src", url);
   }
   /** A file to play instead of `src`. */
@@ -131,10 +130,6 @@ export abstract class StgsPlayerElement extends ReflectedElement implements Medi
     this.object = object;
     this.reload();
   }
-  /** See `StgsPlayer.activeRenderer`. */
-  get activeRenderer(): "webgl2" | "webgpu" | null {
-    return this.player?.activeRenderer ?? null;
-  }
   get currentTime(): number {
     return this.player?.currentTime ?? 0;
   }
@@ -143,11 +138,11 @@ export abstract class StgsPlayerElement extends ReflectedElement implements Medi
     if (player !== null) player.currentTime = seconds;
   }
   get playbackRate(): number {
-    return this.player?.playbackRate ?? 1;
+    return this.player?.playbackRate ?? this.wantedRate;
   }
   set playbackRate(rate: number) {
-    const player = this.use();
-    if (player !== null) player.playbackRate = rate;
+    this.wantedRate = checkRate(rate);
+    if (this.player !== null) this.player.playbackRate = rate;
   }
   /** See `StgsPlayer.muted`; the attribute sets the initial value. */
   get muted(): boolean {
@@ -163,42 +158,6 @@ export abstract class StgsPlayerElement extends ReflectedElement implements Medi
   set volume(volume: number) {
     this.wantedVolume = checkVolume(volume);
     if (this.player !== null) this.player.volume = volume;
-  }
-  get hasAudio(): boolean {
-    return this.player?.hasAudio ?? false;
-  }
-  get duration(): number {
-    return this.player?.duration ?? NaN;
-  }
-  get buffered(): BufferedRanges {
-    return this.player?.buffered ?? new BufferedRanges([]);
-  }
-  get paused(): boolean {
-    return this.player?.paused ?? true;
-  }
-  get ended(): boolean {
-    return this.player?.ended ?? false;
-  }
-  get seeking(): boolean {
-    return this.player?.seeking ?? false;
-  }
-  get hasSource(): boolean {
-    return this.player?.hasSource ?? false;
-  }
-  get readyState(): number {
-    return this.player?.readyState ?? StgsPlayer.HAVE_NOTHING;
-  }
-  get error(): PlayerError | null {
-    return this.player?.error ?? this.failure;
-  }
-  get info(): SceneInfo | null {
-    return this.player?.info ?? null;
-  }
-  get live(): LiveState | null {
-    return this.player?.live ?? null;
-  }
-  get stats(): PlayerStats {
-    return this.player?.stats ?? NO_STATS;
   }
   /** Size of the canvas, pixels. */
   get videoWidth(): number {
@@ -217,25 +176,20 @@ export abstract class StgsPlayerElement extends ReflectedElement implements Medi
   goLive(): void {
     this.player?.goLive();
   }
-  /** Loads `source` instead of `src`; see `StgsPlayer.load`. */
-  load(source?: string | Blob, options: { signal?: AbortSignal } = {}): Promise<void> {
-    if (source instanceof Blob) this.object = source;
-    else if (source !== undefined) this.object = null;
+  /** Loads `source` instead of `src` and `srcObject`; see `StgsPlayer.load`. Rejects if there is neither. */
+  load(source: string | Blob = this.object ?? this.src, options: { signal?: AbortSignal } = {}): Promise<void> {
+    if (source === "") return Promise.reject(new DOMException("there is no source; set src, or call load(source)", "InvalidStateError"));
+    const isAborted = options.signal?.aborted ?? false; // the player only ends the previous source
+    if (!isAborted) this.adoptSource(source);
     const player = this.use(false);
     if (player === null) return Promise.reject(this.unavailable());
-    this.keptRig = null;
-    const loaded = player.load(this.object ?? source ?? this.src, options);
-    if (typeof source === "string") this.setLoadedSource(source);
-    if (this.autoplay) player.play().catch(() => undefined); // `error` or `pause` reports it
+    const loaded = player.load(source, options);
+    this.dropCamera();
+    if (this.autoplay && !isAborted) player.play().catch(() => undefined); // `error` or `pause` reports it
     return loaded;
   }
   screenshot(): Promise<Blob> {
     return this.player?.screenshot() ?? Promise.reject(this.unavailable());
-  }
-
-  /** Whether the scene is shown in a headset. */
-  get isInXR(): boolean {
-    return this.player?.isInXR ?? false;
   }
 
   /** Resolves to whether `enterXR` is possible in this browser and on its devices. */
@@ -269,20 +223,31 @@ export abstract class StgsPlayerElement extends ReflectedElement implements Medi
     this.player?.requestFrame();
   }
 
-  /** Ends the player; `load` or `play` creates another one. */
+  /** Ends the player and dispatches `emptied`; `load` or `play` creates another player. */
   destroy(): void {
-    this.input?.destroy();
-    this.input = null;
-    this.rig = null;
+    if (this.player === null && this.failure === null) return;
+    this.dropCamera();
+    this.wantedRate = this.playbackRate;
     this.player?.destroy();
     this.player = null;
     this.canvas = null;
     this.failure = null;
+    this.shell.setCanvas(null);
+    queueMicrotask(() => this.dispatchEvent(new Event("emptied"))); // the player dispatches no more events
   }
 
-  /** Reflects a source that is already being loaded. */
-  private setLoadedSource(source: string): void {
-    if (this.src === source) return;
+  /** Ends the camera of the scene. */
+  private dropCamera(): void {
+    this.input?.destroy();
+    this.input = null;
+    this.rig = null;
+    this.keptRig = null;
+  }
+
+  /** Adopts a source that is being loaded. */
+  private adoptSource(source: string | Blob): void {
+    this.object = source instanceof Blob ? source : null;
+    if (source instanceof Blob || this.src === source) return;
     this.isReflecting = true;
     this.setAttribute("src", source);
     this.isReflecting = false;
@@ -297,7 +262,10 @@ export abstract class StgsPlayerElement extends ReflectedElement implements Medi
 
   private reload(): void {
     if (this.object !== null || this.src !== "") this.load().catch(() => undefined);
-    else this.player?.unload();
+    else {
+      this.player?.unload();
+      this.dropCamera();
+    }
   }
 
   /** Returns the player; creates it if there is none, and then loads the source if `loads` is set. */
@@ -321,6 +289,7 @@ export abstract class StgsPlayerElement extends ReflectedElement implements Medi
     this.player.volume = this.wantedVolume;
     this.player.muted = this.wantsMuted ?? this.hasAttribute("muted");
     this.player.loop = this.loop;
+    this.player.playbackRate = this.wantedRate;
     forwardEvents(this.player, this, (event) => this.recovers(event));
     this.applySize();
     if (loads) this.reload();
@@ -335,14 +304,14 @@ export abstract class StgsPlayerElement extends ReflectedElement implements Medi
     }
     const isLost = event.type === "error" && player?.hasLostRenderer === true;
     if (player === null || !isLost || (this.choice ?? this.renderer) !== "auto") return false;
-    const { currentTime, paused, live, playbackRate, error } = player;
+    const { currentTime, paused, live, error } = player;
     this.destroy();
     this.choice = "webgl2";
     this.keptRig = rig;
-    this.dispatchEvent(new CustomEvent("notice", { detail: { kind: "renderer", message: error?.message } }));
+    const detail: PlayerNotice = { kind: "renderer", message: error!.message };
+    this.dispatchEvent(new CustomEvent("notice", { detail }));
     const next = this.use(false);
     if (next === null) return true; // use() reports it
-    next.playbackRate = playbackRate;
     resume(next, next.load(this.object ?? this.src), { currentTime, paused, live });
     return true;
   }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Times and figures as text.
+import type { RendererStatistics } from "../types";
 
 const SHORT_CLIP = 20; // seconds; shorter clips are shown with tenths
 
@@ -38,6 +39,12 @@ export function formatBytes(bytes: number): string {
 
 export function formatCount(count: number): string {
   return count.toLocaleString("en");
+}
+
+/** Returns the name of a renderer; 8-bit blending, which shows bands of colour, is pointed out. */
+export function formatRenderer(name: "webgl2" | "webgpu" | null, { targetFormat }: RendererStatistics): string {
+  if (name === null) return "–";
+  return name === "webgpu" ? "WebGPU" : targetFormat === "rgba8" ? "WebGL2, 8-bit blending" : "WebGL2";
 }
 
 export function formatRate(rate: number): string {

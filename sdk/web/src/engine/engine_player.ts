@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A scene that is drawn inside the frames of a 3D engine.
+import { textOf } from "../player/errors";
 import { SegmentPlayer, SegmentPlayerOptions } from "../player/segment_player";
 import { sorterUrl } from "../resources";
 import type { SceneInfo } from "../types";
@@ -28,7 +29,7 @@ export class EnginePlayer extends SegmentPlayer {
     const splats = new SplatScene(gl, {
       sorterUrl: sorterUrl(),
       restoresContext: true,
-      report: (error) => this.playback.fail("unsupported", `rendering failed: ${error.message}`),
+      report: (error) => this.fail(error),
       onOrder: () => this.announce(),
       guard: (work) => preserveState(gl, work),
     });
@@ -78,9 +79,17 @@ export class EnginePlayer extends SegmentPlayer {
   };
 
   private readonly onRestored = (): void => {
-    this.splats.restore();
+    try {
+      this.splats.restore();
+    } catch (error) {
+      this.fail(error);
+    }
     this.announce();
   };
+
+  private fail(error: unknown): void {
+    this.playback.fail("unsupported", `rendering failed: ${textOf(error)}`);
+  }
 }
 
 /** The depth in NDC of a point at z in front of the camera, as SplatOutput states it. */

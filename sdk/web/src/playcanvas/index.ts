@@ -3,3 +3,5 @@
 export { StgsScript } from "./stgs_script";
 export type { EnginePlayer } from "../engine/engine_player";
 export type { SegmentPlayerOptions } from "../player/segment_player";
+export { setResources } from "../resources";
+export type { Resources } from "../resources";

@@ -5,9 +5,10 @@ import { Device, DeviceClass, deviceOf, deviceSignals } from "./device";
 import { FrameGovernor } from "./frame_governor";
 
 /**
- * "auto": the budgets of the device, with lower resolution and fewer tiers while frames are late. The
- * other values are fixed: "low" is half the resolution (per side) and half the budget of primitives,
- * "medium" 3/4 of the resolution and the full budget, "high" everything that fits the memory budget.
+ * "auto": the tiers within the device's budget of primitives, with lower resolution and fewer tiers while frames
+ * are late. The other values are fixed: "low" is half the resolution (per side) and half the budget, "medium" 3/4
+ * of the resolution and the budget, "high" the full resolution and all tiers. `maxPrimitives` replaces the budget
+ * in each case, and the limits of the GPU apply.
  */
 export type Quality = "auto" | "low" | "medium" | "high";
 

@@ -49,7 +49,7 @@ export class DeferredRenderer implements Renderer {
   }
 
   get statistics(): RendererStatistics {
-    return this.target?.statistics ?? { primitives: 0, visible: 0, sortMs: 0 };
+    return this.target?.statistics ?? { primitives: 0, visible: 0, sortMs: 0, frames: 0 };
   }
 
   setScene(info: SceneInfo): void {

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+import type { PlayerNotice } from "../types";
+import type { QualityReport } from "./adaptation";
 
 /** Events of the player: those of media elements, `notice`, and those of headsets, quality, sound and recordings. */
 export const EVENT_NAMES = [
@@ -8,6 +10,13 @@ export const EVENT_NAMES = [
   "volumechange", "audiochange", "livechange",
 ] as const;
 export type EventName = typeof EVENT_NAMES[number];
+
+/** The types of `detail`; other events have none. */
+interface Details {
+  notice: PlayerNotice;
+  qualitychange: QualityReport;
+}
+type Detail<Name extends EventName> = Name extends keyof Details ? [detail: Details[Name]] : [];
 
 /** Dispatches a copy of each event of a player to another target, unless `takes` returns true for it. */
 export function forwardEvents(from: EventTarget, to: EventTarget, takes: (event: Event) => boolean): void {
@@ -30,7 +39,7 @@ export class EventQueue {
   constructor(private readonly target: EventTarget) {}
 
   /** Queues an event; with `detail` it is a `CustomEvent`. */
-  push(name: EventName, detail?: unknown): void {
+  push<Name extends EventName>(name: Name, ...[detail]: Detail<Name>): void {
     if (this.events === null) return;
     this.events.push(detail === undefined ? new Event(name) : new CustomEvent(name, { detail }));
     if (this.events.length === 1) queueMicrotask(() => this.dispatch());

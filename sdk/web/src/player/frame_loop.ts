@@ -2,9 +2,9 @@
 // Renders when the image changes, and sleeps otherwise.
 import { Camera, Renderer } from "../types";
 import { sameCamera } from "./fit_camera";
+import { FrameRate } from "./frame_rate";
 import { Host } from "./host";
 
-const FPS_WINDOW = 1000; // milliseconds over which frames are counted
 const RECENT_SIZES = 4;
 
 interface Size {
@@ -59,9 +59,8 @@ export class FrameLoop {
   private isSuspended = false;
   private isDestroyed = false;
   private last: { camera: Camera; ticks: number } | null = null;
-  private readonly rendered: number[] = []; // times of the last frames
-  /** Frames that were drawn. */
-  drawn = 0;
+  private readonly rate = new FrameRate();
+  private drawn = 0; // frames
 
   constructor(
     private readonly canvas: HTMLCanvasElement,
@@ -112,18 +111,22 @@ export class FrameLoop {
     this.request();
   }
 
-  /** Frames rendered in the last second. */
+  /** Number of frames that the renderer has completed. */
+  get completed(): number {
+    return this.renderer.statistics.frames ?? this.drawn;
+  }
+
+  /** Frames completed in the last second. */
   framesPerSecond(): number {
-    this.forgetFrames(this.host.now());
-    return this.rendered.length;
+    this.rate.add(this.host.now(), this.completed);
+    return this.rate.framesPerSecond;
   }
 
   /** Renders the current time exactly. Rejects if there is nothing to render. */
   async renderExactly(): Promise<void> {
     const time = this.client.frameTime(this.host.now());
     if (time === null || this.source === null) {
-      const message = "no scene is open; wait for loadedmetadata";
-      throw new DOMException(message, "InvalidStateError");
+      throw new DOMException("there is no image yet; wait for loadeddata", "InvalidStateError");
     }
     this.findSize();
     await this.renderer.renderExactly(this.stillCamera(this.source), time.ticks);
@@ -140,9 +143,10 @@ export class FrameLoop {
     this.invalidate();
   }
 
-  /** Counts a frame that was rendered elsewhere. */
+  /** Counts a frame that was drawn. */
   countFrame(): void {
-    this.count(this.host.now());
+    ++this.drawn;
+    this.rate.add(this.host.now(), this.completed);
   }
 
   destroy(): void {
@@ -168,16 +172,17 @@ export class FrameLoop {
     const changed = this.isDirty || this.last === null || time.ticks !== this.last.ticks ||
       !sameCamera(camera, this.last.camera);
     if (changed) {
-      this.draw(camera, time.ticks, now);
+      this.draw(camera, time.ticks);
     } else if (!this.isExact && !time.running) {
       this.drawExactly(this.stillCamera(this.source), time.ticks);
     }
     if (changed || moving || time.running) this.request();
-    if (changed) this.client.onDrawn(now);
+    // A renderer that is being loaded draws the newest frame later.
+    if (changed && this.renderer.name !== null) this.client.onDrawn(now);
     else if (!moving && !time.running) this.client.onIdle();
   }
 
-  private draw(camera: Camera, ticks: number, now: number): void {
+  private draw(camera: Camera, ticks: number): void {
     this.isDirty = false;
     this.isExact = false;
     this.last = { camera, ticks };
@@ -187,13 +192,7 @@ export class FrameLoop {
       this.client.onRenderError(error);
       return;
     }
-    this.count(now);
-  }
-
-  private count(now: number): void {
-    ++this.drawn;
-    this.rendered.push(now);
-    this.forgetFrames(now);
+    if (this.renderer.name !== null) this.countFrame();
   }
 
   private drawExactly(camera: Camera, ticks: number): void {
@@ -277,9 +276,5 @@ export class FrameLoop {
     if (isSize(full, canvas)) return;
     canvas.width = full.width;
     canvas.height = full.height;
-  }
-
-  private forgetFrames(now: number): void {
-    while (this.rendered.length > 0 && now - this.rendered[0] >= FPS_WINDOW) this.rendered.shift();
   }
 }

@@ -14,7 +14,7 @@ import { WorkerLink } from "./worker_link";
 const TIMEUPDATE_INTERVAL = 250; // milliseconds
 const END_TOLERANCE = 1e-6; // seconds
 
-/** Playback of one source at a time. Times are in seconds; see `StgsPlayer` for the rules. */
+/** Playback of one source at a time. Times are in seconds; see `ScenePlayer` for the rules. */
 export class Playback {
   ready: Ready = Ready.Nothing;
   source: string | Blob | null = null;
@@ -250,7 +250,7 @@ export class Playback {
       case "dropped":
         if (this.scene?.remove(message.id, this.shownTime())) this.context.onContent();
         return;
-      case "event":
+      case "problem":
         return this.events.push("notice", { kind: message.kind, message: message.message });
       case "error":
         this.fail(message.code, message.message);
@@ -266,7 +266,11 @@ export class Playback {
   }
 
   private onOpened(info: SceneInfo): void {
-    this.scene = new SceneState(info, this.context.renderer);
+    try {
+      this.scene = new SceneState(info, this.context.renderer);
+    } catch (error) {
+      return void this.fail("unsupported", `rendering failed: ${textOf(error)}`);
+    }
     this.clock.duration = info.duration;
     this.clock.tick = info.tickSeconds;
     this.ready = Ready.Metadata;

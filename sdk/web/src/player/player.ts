@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The player that draws to a canvas.
-import { Renderer } from "../types";
+import { Renderer, RendererStatistics } from "../types";
 import { XrMode, XrOptions, XrPresenter } from "../xr/presenter";
 import type { QualityReport } from "./adaptation";
 import { abortError, isDeviceLost, textOf } from "./errors";
@@ -11,6 +11,7 @@ import { resume } from "./resume";
 import { ScenePlayer, ScenePlayerOptions } from "./scene_player";
 import { Waiters } from "./session";
 
+/** Settings of a `StgsPlayer`. */
 export interface PlayerOptions extends ScenePlayerOptions {
   canvas: HTMLCanvasElement;
   /** Belongs to the player, which destroys it. */
@@ -20,14 +21,9 @@ export interface PlayerOptions extends ScenePlayerOptions {
 }
 
 /** Figures for display. */
-export interface PlayerStats {
-  framesPerSecond: number;
-  primitives: number; // of the last frame, before culling
-  visible: number;
+export interface PlayerStats extends RendererStatistics {
+  framesPerSecond: number; // completed in the last second
   bytesFetched: number;
-  sortMs: number;
-  computeMs?: number; // see RendererStatistics
-  rasterMs?: number;
   bytesPerSecond: number; // recent throughput, on which the fetched layers depend; 0: not known yet
   memoryBytes: number; // of fetched and decoded segments; at most the memory budget
   layers: number; // available at the current time
@@ -41,10 +37,15 @@ export const NO_STATS: PlayerStats = {
   sortMs: 0, layers: 0, layerCount: 0, quality: null,
 };
 
+function contextLost(): DOMException {
+  return new DOMException("the WebGL2 context is lost; repeat the screenshot once the scene is drawn again", "InvalidStateError");
+}
+
 /**
- * Plays on a canvas: see `ScenePlayer`. The events `enterxr` and `leavexr` report sessions. When the GPU
+ * Plays on a canvas: see `ScenePlayer`. The events `enterxr` and `leavexr` report sessions. When a WebGPU device
  * is lost for the first time since load(), the player dispatches a `notice` of the kind `renderer`, reloads
- * the source with another renderer, and resumes at the same time.
+ * the source with another renderer, and resumes at the same time. After the loss of a WebGL2 context, nothing is
+ * drawn until the browser restores it; no event reports that.
  */
 export class StgsPlayer extends ScenePlayer {
   private readonly canvas: HTMLCanvasElement;
@@ -74,7 +75,7 @@ export class StgsPlayer extends ScenePlayer {
     this.renderer = options.renderer;
     const client = {
       onFrame: () => this.playback.updateTime(false),
-      onDrawn: (now: number) => this.adaptation.frame(now, this.completedFrames()),
+      onDrawn: (now: number) => this.adaptation.frame(now, this.frames.completed),
       onIdle: () => this.adaptation.pause(),
       onFixedSize: () => this.adaptation.fixResolution(),
       frameTime: () => this.playback.frameTime(),
@@ -146,14 +147,21 @@ export class StgsPlayer extends ScenePlayer {
     this.frames.resize(width, height);
   }
 
-  /** Returns the current image as PNG, rendered in the exact order. */
+  /**
+   * Returns the current image as PNG, rendered in the exact order. Rejects with an `InvalidStateError` before
+   * `loadeddata` and while the WebGL2 context is lost.
+   */
   async screenshot(): Promise<Blob> {
     if (this.isDestroyed) throw abortError("the player is destroyed");
+    if (this.renderer.views?.context.isContextLost()) throw contextLost();
     const end = new Waiters();
+    const onLost = () => end.reject(contextLost());
     this.screenshots.add(end);
+    this.canvas.addEventListener("webglcontextlost", onLost);
     try {
       await Promise.race([this.frames.renderExactly(), end.wait()]);
     } finally {
+      this.canvas.removeEventListener("webglcontextlost", onLost);
       this.screenshots.delete(end);
     }
     // The drawing buffer is valid until this task ends; toBlob copies it before it returns.
@@ -168,8 +176,9 @@ export class StgsPlayer extends ScenePlayer {
   /**
    * Shows the scene in a headset. Call it in a handler of a click or a key. Resolves when the
    * session begins. Rejects with a `NotSupportedError` if the browser, the device or the renderer
-   * cannot, with an `InvalidStateError` before `loadedmetadata` or during a session, and with the
-   * error of the browser if the user declines.
+   * cannot, with an `InvalidStateError` before `loadedmetadata`, while the renderer is being loaded or during
+   * a session, with an `AbortError` if `load`, `unload`, `exitXR` or `destroy` comes first, and with the error
+   * of the browser if the user declines.
    */
   enterXR(mode: XrMode = "immersive-vr", options: XrOptions = {}): Promise<void> {
     if (this.isDestroyed) return Promise.reject(abortError("the player is destroyed"));
@@ -209,10 +218,6 @@ export class StgsPlayer extends ScenePlayer {
     this.xr.destroy();
     super.destroy();
     for (const end of this.screenshots) end.reject(abortError("the player was destroyed"));
-  }
-
-  private completedFrames(): number {
-    return this.renderer.statistics.frames ?? this.frames.drawn;
   }
 
   private toggle(): void {

@@ -15,6 +15,12 @@ import { WorkerSource } from "./worker_link";
 const MIN_RATE = -2, MAX_RATE = 4; // of the core
 const LOOK_AHEAD = 10; // seconds
 
+/** Returns a playback rate. Throws a `NotSupportedError` if it is not supported. */
+export function checkRate(rate: number): number {
+  if (rate >= MIN_RATE && rate <= MAX_RATE && rate !== 0) return rate;
+  throw unsupported(`playbackRate ${rate} is out of range (expected ${MIN_RATE} to ${MAX_RATE}, not 0)`);
+}
+
 export interface ScenePlayerOptions extends QualitySettings {
   /**
    * Belongs to the player, which terminates it. With a function, each load gets a worker of its
@@ -48,9 +54,9 @@ export interface ScenePlayerParts {
 /**
  * Plays one source at a time, with the properties and events of `HTMLMediaElement`; times are in
  * seconds. Events are dispatched after the call that causes them. `timeupdate` is dispatched at
- * most four times per second during playback, and once after each seek, pause and end. A `notice`
- * event with `detail: { kind, message }` passes on events of the core, such as data that could not
- * be read. `qualitychange`, whose `detail` is a `QualityReport`, reports changes of the quality.
+ * most four times per second during playback, and once after each seek, pause and end. A `notice`,
+ * whose `detail` is a `PlayerNotice`, reports a problem that does not end playback. `qualitychange`, whose
+ * `detail` is a `QualityReport`, reports changes of the quality.
  */
 export class ScenePlayer extends EventTarget {
   static readonly HAVE_NOTHING = Ready.Nothing;
@@ -198,9 +204,7 @@ export class ScenePlayer extends EventTarget {
     return this.playback.rate;
   }
   set playbackRate(rate: number) {
-    if (!(rate >= MIN_RATE && rate <= MAX_RATE && rate !== 0)) {
-      throw unsupported(`playbackRate ${rate} is out of range (expected -2 to 4, not 0)`);
-    }
+    checkRate(rate);
     if (!this.isDestroyed) this.playback.setRate(rate);
   }
 

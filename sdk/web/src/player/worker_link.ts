@@ -55,7 +55,7 @@ export class WorkerLink {
       if (!isCurrent()) return;
       if (data.type === "opened") this.expectsOpened = false;
       // A worker that is used again may have posted these for the source before.
-      const isStale = this.expectsOpened && data.type !== "error" && data.type !== "event";
+      const isStale = this.expectsOpened && data.type !== "error" && data.type !== "problem";
       if (!isStale) this.onMessage(data);
     });
     worker.addEventListener("error", ({ message }) => {

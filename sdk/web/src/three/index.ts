@@ -6,3 +6,5 @@ export type { ThreeGpuRenderer } from "./backend";
 export type { EnginePlayer } from "../engine/engine_player";
 export type { GpuEnginePlayer } from "../engine/gpu_engine_player";
 export type { SegmentPlayerOptions } from "../player/segment_player";
+export { setResources } from "../resources";
+export type { Resources } from "../resources";

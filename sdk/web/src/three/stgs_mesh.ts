@@ -11,6 +11,7 @@ import type { ThreeGpuRenderer } from "./backend";
 import { drawingOf } from "./drawing";
 import type { Drawing } from "./drawing";
 
+/** Settings of a `StgsMesh`. */
 export interface StgsMeshOptions extends SegmentPlayerOptions {
   /**
    * The only renderer that can draw the mesh. Await `init()` of a WebGPURenderer first.

@@ -111,6 +111,12 @@ function open(file: File, canImport: boolean): void {
     (error: unknown) => isLast() && welcome(`${textOf(error)}.`));
 }
 
+/** Offers no models: a page of one file does not contain their conversion. */
+function offerScenesOnly(): void {
+  element("formats").textContent = "An .stgs video, from any viewpoint.";
+  element<HTMLInputElement>("file").accept = ".stgs";
+}
+
 async function list(url: string): Promise<void> {
   showPage("scenes");
   setTitle("Scenes", "");
@@ -147,7 +153,10 @@ function start(): void {
 async function main(): Promise<void> {
   markStep("script");
   const resources = await inlinedResources();
-  if (resources !== null) setResources(resources);
+  if (resources !== null) {
+    setResources(resources);
+    offerScenesOnly();
+  }
   listenForFiles({
     input: element<HTMLInputElement>("file"),
     buttons: [element("open"), element("choose")],

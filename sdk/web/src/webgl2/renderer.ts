@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-import type { Camera, PackedSegment, Renderer, RenderView, SceneInfo, ViewRenderer } from "../types";
+import { errorOf } from "../player/errors";
+import type { Camera, PackedSegment, Renderer, RendererStatistics, RenderView, SceneInfo, ViewRenderer } from "../types";
 import { isParallel, sharedCamera } from "./camera";
 import { Frame } from "./frame";
 import type { Background, Viewport } from "./frame";
@@ -11,7 +12,7 @@ import type { TargetFormat } from "./target";
 
 /** Settings of a WebGL2 renderer. */
 export interface WebGl2Options {
-  /** The best format to blend in; rgba8 where half floats cannot be blended. Default: rgba16f. */
+  /** The best format to blend in. `statistics.targetFormat` is the one in use: rgba8 if the GPU cannot blend rgba16f. Default: rgba16f. */
   target?: TargetFormat;
   /** Premultiplied, sRGB-encoded, 0 to 1. Alpha 0: the page shows. Default: the scene's. */
   background?: Background;
@@ -38,7 +39,6 @@ class WebGl2Renderer implements Renderer, ViewRenderer {
   readonly name = "webgl2";
   readonly views = this;
   onError: (error: Error) => void;
-  readonly statistics;
   private readonly splats: SplatScene;
   private readonly format: TargetFormat;
   private readonly hasDepth: boolean;
@@ -64,9 +64,12 @@ class WebGl2Renderer implements Renderer, ViewRenderer {
       report: (error) => this.onError(error),
       onOrder: () => this.drawSoon(),
     });
-    this.statistics = this.splats.statistics;
     canvas.addEventListener("webglcontextlost", this.onLost);
     canvas.addEventListener("webglcontextrestored", this.onRestored);
+  }
+
+  get statistics(): RendererStatistics {
+    return { ...this.splats.statistics, targetFormat: this.format };
   }
 
   setScene(info: SceneInfo): void {
@@ -172,9 +175,13 @@ class WebGl2Renderer implements Renderer, ViewRenderer {
   };
 
   private readonly onRestored = (): void => {
-    targetFormat(this.context, this.format); // extensions are lost as well
-    this.frame = new Frame(this.context, this.format, this.hasDepth);
-    this.splats.restore();
+    try {
+      targetFormat(this.context, this.format); // extensions are lost as well
+      this.frame = new Frame(this.context, this.format, this.hasDepth);
+      this.splats.restore();
+    } catch (error) {
+      this.onError(errorOf(error));
+    }
   };
 }
 
@@ -183,10 +190,8 @@ class WebGl2Renderer implements Renderer, ViewRenderer {
  * of each frame, whole pixels. Throws an Error if WebGL2 is not available, or an extension that the
  * options need.
  *
- * In `statistics`, `primitives` are those of all segments that were added, and `visible` those of
- * the current order, which are active at its time or, during playback, become active soon. While
- * the GPU context is lost, nothing is drawn, renderExactly() does not resolve, and readPixels()
- * returns no pixels.
+ * While the GPU context is lost, nothing is drawn, renderExactly() does not resolve, and readPixels() returns no
+ * pixels.
  */
 export function createWebGl2Renderer(
   canvas: HTMLCanvasElement, options: WebGl2Options = {},

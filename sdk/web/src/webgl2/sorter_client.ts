@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+import { workerUrl } from "../worker_url";
 import type { Order, SorterSegment, SortRequest } from "./sorter";
 import type { SorterReply, SorterRequest } from "./sorter_messages";
 
@@ -20,7 +21,7 @@ export class SorterClient {
 
   /** Starts the worker. `url` is that of stgs-sorter.js. */
   constructor(url: string | URL, listener: SorterListener) {
-    this.worker = new Worker(url);
+    this.worker = new Worker(workerUrl(new URL(url, document.baseURI)), { type: "module", name: "stgs sorter" });
     this.worker.onmessage = ({ data }: MessageEvent<SorterReply>) => {
       if (data.type === "words") {
         listener.onWords(data.key, data.words);

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
+import type { RendererStatistics } from "../types";
 import type { DepthImage } from "./depth_image";
 import { created, sampleNearest } from "./gl";
 
 /** How the splats of a frame are blended: in half floats, or in 8 bits per channel. */
-export type TargetFormat = "rgba16f" | "rgba8";
+export type TargetFormat = NonNullable<RendererStatistics["targetFormat"]>;
 
 /**
  * Returns the best format that the context can blend, at most `wanted`. Enables the extension that

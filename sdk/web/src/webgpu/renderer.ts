@@ -179,7 +179,7 @@ async function compile(
  * of each frame, whole pixels. Rejects with an Error if WebGPU is not available; the canvas then has
  * no context, unless it was refused for having one of another kind.
  *
- * In `statistics`, `visible` are the splats of a recent frame. After a failure, such as the loss of
+ * After a failure, such as the loss of
  * the device, `onError` is called once, and render() throws.
  */
 export async function createWebGpuRenderer(

@@ -7,8 +7,10 @@ import { cameraOfMatrices, product } from "../webgl2/camera";
 import { roomFromScene } from "./placement";
 import { createLayer, makeCompatible, XrFrame, XrLayer, XrSession, xrSystem } from "./webxr";
 
+/** What the headset shows: the scene alone, or the room behind it as well. */
 export type XrMode = "immersive-vr" | "immersive-ar";
 
+/** Settings of `StgsPlayer.enterXR`. */
 export interface XrOptions {
   /** Metres per scene unit; default: that of the scene. */
   metresPerUnit?: number;
@@ -37,7 +39,7 @@ interface Presentation {
 /** Runs at most one session at a time. */
 export class XrPresenter {
   private session: XrSession | null = null;
-  private isStarting = false;
+  private starting: AbortController | null = null; // of a session that the browser has not begun yet
   private isDestroyed = false;
 
   constructor(private readonly renderer: Renderer, private readonly client: XrClient) {}
@@ -58,31 +60,33 @@ export class XrPresenter {
 
   /** Begins a session; `StgsPlayer.enterXR` states when it rejects. */
   async enter(mode: XrMode, options: XrOptions): Promise<void> {
-    const { views } = this.renderer;
+    const { views, name } = this.renderer;
     const system = xrSystem();
     const info = this.client.info();
     if (system === null) {
       throw unsupported("this browser has no WebXR, or the page is not from https or localhost");
     }
-    const busy = this.session !== null || this.isStarting;
+    const busy = this.session !== null || this.starting !== null;
     if (info === null || busy) {
       const message = busy ? "a session is active already; call exitXR first"
                            : "no scene is open; wait for loadedmetadata";
       throw new DOMException(message, "InvalidStateError");
     }
+    if (name === null) throw new DOMException("the renderer is being loaded; await supportsXR first", "InvalidStateError");
     if (views === null) throw unsupported("WebXR needs the WebGL2 renderer; choose renderer \"webgl2\"");
-    this.isStarting = true;
+    const { signal } = (this.starting = new AbortController());
     try {
       // The first call, since it is allowed only during the handling of input.
       const session = await system.requestSession(mode, { optionalFeatures: ["local-floor"] });
-      await this.present(session, views, info, mode === "immersive-ar", options);
+      await this.present(session, views, info, mode === "immersive-ar", options, signal);
     } finally {
-      this.isStarting = false;
+      this.starting = null;
     }
   }
 
-  /** Resolves once there is no session. */
+  /** Ends the session, also one that the browser has not begun yet. Resolves once there is none. */
   async exit(): Promise<void> {
+    this.starting?.abort();
     await this.session?.end().catch(() => undefined); // it has ended meanwhile
   }
 
@@ -93,14 +97,14 @@ export class XrPresenter {
 
   private async present(
     session: XrSession, renderer: ViewRenderer, info: SceneInfo, isClear: boolean,
-    { metresPerUnit }: XrOptions,
+    { metresPerUnit }: XrOptions, signal: AbortSignal,
   ): Promise<void> {
     let hasEnded = false;
     session.addEventListener("end", () => (hasEnded = true), { once: true });
     try {
       await makeCompatible(renderer.context);
       const { space, isOnFloor } = await referenceSpace(session);
-      if (hasEnded || this.isDestroyed) throw abortError("the session has ended");
+      if (hasEnded || signal.aborted) throw abortError("the session has ended");
       const layer = createLayer(session, renderer.context);
       session.updateRenderState({ baseLayer: layer });
       const room = roomFromScene(info, { metresPerUnit, isOnFloor });
