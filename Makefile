@@ -33,7 +33,6 @@ check: setup
 
 check-all: check
 	@tools/setup/setup.sh check-all
-	@tools/setup/npm.sh
 	@$(CTEST) --test-dir build/check -L slow
 	@for preset in asan tsan decode-only no-encoder; do \
 	  cmake --preset $$preset -DSTGS_BUILD_TESTS=ON -DSTGS_BUILD_EXAMPLES=ON && \
@@ -47,6 +46,7 @@ check-slow: check
 
 setup:
 	@tools/setup/setup.sh core program web check
+	@tools/setup/npm.sh
 
 clean:
 	rm -rf build

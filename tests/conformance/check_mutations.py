@@ -93,7 +93,7 @@ def main():
             inputs[path] = mutated(valid[number], rng)
             with open(path, "wb") as file:
                 file.write(inputs[path])
-        results = program_results(options.program, list(inputs), LIMITS)
+        results = program_results(options.program, [(path, LIMITS) for path in inputs])
         for path, data in inputs.items():
             expected = reference(data, LIMITS)[0]
             refused += bool(expected.refused)

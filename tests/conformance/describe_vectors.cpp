@@ -4,7 +4,7 @@
 // validator's errors. Every SIMD target of the CPU must give the same result, and every float must
 // be that of its integers (spec 8.5).
 //
-// usage: describe_vectors [--floats] [--max-primitives N] [--max-memory BYTES] FILE...
+// usage: describe_vectors [--floats] {[--max-primitives N] [--max-memory BYTES] FILE}...
 #include <string>
 
 #include "../kernels/vector_targets.h"
@@ -114,6 +114,7 @@ int main(int argc, char** argv) {
         return 1;
       }
       fmt::print("{}:\n{}{}", argument, expected, validation(argument, limits));
+      limits = {};  // those of the next file
     }
   }
   return 0;

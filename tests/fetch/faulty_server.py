@@ -10,7 +10,7 @@ import time
 
 class FaultyServer:
     """Serves `data` at any path. Each request takes the next item of `faults`, a dict or a function
-    of the server that returns one; later requests have no faults.
+    of the server that returns one; later requests have no faults. `headers`: of all responses.
 
     status:      respond with this status and no file
     retry_after: with `status`: send this header
@@ -33,7 +33,7 @@ class FaultyServer:
     do:          call this function with the server before responding
     """
 
-    def __init__(self, data, faults=()):
+    def __init__(self, data, faults=(), headers=()):
         self.data = data
         self.etag = '"1"'
         self.faults = list(faults)
@@ -53,6 +53,11 @@ class FaultyServer:
 
             def do_GET(self):
                 outer.answer(self)
+
+            def end_headers(self):
+                for header in headers:
+                    self.send_header(*header)
+                super().end_headers()
 
         class Server(http.server.ThreadingHTTPServer):
             daemon_threads = True

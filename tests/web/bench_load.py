@@ -41,35 +41,20 @@ STEPS = ("script", "worker", "compiled", "opened", "fetched", "decoded", "ready"
 SECONDS = 120  # of a run, at most
 
 
-class TracedBrowser(Browser):
-    """Collects the marks of the page and its workers, which share a clock."""
-
-    def __init__(self):
-        self.marks, self.is_traced = {}, False
-        super().__init__()
-
-    def note(self, event):
-        super().note(event)
-        if event.get("method") == "Tracing.tracingComplete":
-            self.is_traced = True
-        if event.get("method") != "Tracing.dataCollected":
-            return
-        for entry in event["params"]["value"]:
-            data = entry.get("args", {}).get("data", {})
-            is_page = entry["name"] == "navigationStart" and data.get("documentLoaderURL", "").startswith("http")
-            if is_page or entry["name"].startswith("stgs: "):
-                self.marks.setdefault(entry["name"], entry["ts"])
-
-    def trace(self, run):
-        """Returns milliseconds from navigation to each mark."""
-        self.marks, self.is_traced = {}, False
-        self.send("Tracing.start", categories="blink.user_timing", transferMode="ReportEvents")
+def trace(browser, run):
+    """Returns milliseconds from navigation to each mark of the page and its workers, which share a clock."""
+    with tempfile.NamedTemporaryFile(prefix="stgs-trace-") as file:
+        browser.call("browser.startTracing", None, {"path": file.name, "categories": ["blink.user_timing"]})
         run()
-        self.send("Tracing.end")
-        while not self.is_traced:
-            self.note(self.receive())
-        begin = self.marks.pop("navigationStart")
-        return {name[len("stgs: "):]: (at - begin) / 1000 for name, at in self.marks.items()}
+        browser.call("browser.stopTracing")
+        events = json.load(file)["traceEvents"]
+    marks = {}
+    for event in sorted(events, key=lambda event: event["ts"]):
+        url = event.get("args", {}).get("data", {}).get("documentLoaderURL", "")
+        if event["name"].startswith("stgs: ") or (event["name"] == "navigationStart" and url.startswith("http")):
+            marks.setdefault(event["name"], event["ts"])
+    begin = marks.pop("navigationStart")
+    return {name[len("stgs: "):]: (at - begin) / 1000 for name, at in marks.items()}
 
 
 def make_site(stgs, scene, folder):
@@ -90,16 +75,15 @@ def make_site(stgs, scene, folder):
 
 def load(browser, url, cached, until):
     """Loads the page. Returns the milliseconds of its steps."""
-    browser.send("Page.navigate", url="about:blank")
-    browser.wait_for("location.href === 'about:blank'")
+    browser.open("about:blank")
     if not cached:
         browser.send("Network.clearBrowserCache")
 
     def run():
-        browser.send("Page.navigate", url=url)
+        browser.call("page.goto", url, {"waitUntil": "commit"})
         browser.wait_for(f"({UNTIL[until]}) || !!({PLAYER} && {PLAYER}.error)", SECONDS)
 
-    steps = browser.trace(run)
+    steps = trace(browser, run)
     if problem := browser.evaluate(f"{PLAYER}.error && {PLAYER}.error.message"):
         sys.exit(problem)
     if until != "drawn":
@@ -130,7 +114,7 @@ def main():
                 bandwidth = stream_over_http.Bandwidth(args.mbit * 1e6 / 8)
                 threading.Thread(target=stream_over_http.serve, daemon=True,
                                  args=(listener, nginx.port, args.latency * 1e-3, bandwidth)).start()
-            browser = TracedBrowser()
+            browser = Browser()
             try:
                 browser.resize(*map(int, re.findall(r"\d+", args.size)))
                 url = f"http://127.0.0.1:{port}/site/index.html"

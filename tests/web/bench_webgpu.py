@@ -14,7 +14,6 @@ SOURCES: the TypeScript, with the generated shaders. Default: Chromium with its 
 import argparse
 import json
 import os
-import shutil
 import subprocess
 import tempfile
 
@@ -39,7 +38,7 @@ def run_in_chromium(folder, job):
     server = PageServer(folder)
     # Timestamps are not rounded.
     flags = [*WEBGPU_FLAGS, "--enable-webgpu-developer-features"]
-    posts = server.run(shutil.which("chromium"), "bench.html", 500, flags)
+    posts = server.run("bench.html", 500, flags)
     server.close()
     if posts["done"] != b"ok":
         raise SystemExit(posts["done"].decode())

@@ -1,24 +1,37 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A headless Chromium that a test drives through a pipe, with the DevTools protocol."""
+"""A headless Chromium that a test drives with Playwright."""
 import functools
 import http.server
 import json
 import os
 import select
+import shutil
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 
 from browser_page import BrowserPage
 
+HERE = os.path.dirname(os.path.abspath(__file__))
+DRIVER = os.path.join(HERE, "browser_driver.mjs")
+PLAYWRIGHT = os.path.join(HERE, "..", "..", "build", "npm", "node_modules", "playwright-core")
 CHROMIUM = "/usr/bin/chromium"
-FLAGS = ["--headless=new", "--no-sandbox", "--disable-gpu-sandbox", "--use-angle=swiftshader",
-         "--enable-unsafe-swiftshader", "--no-first-run", "--hide-scrollbars",
-         "--remote-debugging-pipe"]
+FLAGS = ["--disable-gpu-sandbox", "--use-angle=swiftshader"]
 TIMEOUT = 60  # seconds of a command
 STARTUP_TIMEOUT = 120  # seconds
+
+
+def require(*programs):
+    """Exits with code 77, which skips the test, if Chromium, its driver or a program is missing."""
+    missing = [program for program in ("node", *programs) if shutil.which(program) is None]
+    if not os.path.exists(CHROMIUM):
+        missing.append("chromium")
+    if not os.path.exists(PLAYWRIGHT):
+        missing.append("npm's playwright-core (run tools/setup/npm.sh)")
+    if missing:
+        print("skipped: needs", " and ".join(missing))
+        sys.exit(77)
 
 
 class QuietHandler(http.server.SimpleHTTPRequestHandler):
@@ -40,139 +53,104 @@ class Server:
         self.server.server_close()
 
 
-# Starts Chromium, which reads commands from descriptor 3 and writes replies to 4.
-START = """import fcntl, os, sys
-copies = [fcntl.fcntl(int(descriptor), fcntl.F_DUPFD, 10) for descriptor in sys.argv[1:3]]
-for copy, descriptor in zip(copies, (3, 4)):
-    os.dup2(copy, descriptor)
-os.execv(sys.argv[3], sys.argv[3:])"""
-
-
 class Browser(BrowserPage):
     """One page. `evaluate` raises RuntimeError if the script throws. `flags`: more options of Chromium."""
 
     def __init__(self, flags=()):
-        self.profile = tempfile.TemporaryDirectory(prefix="stgs-chromium-",
-                                                   ignore_cleanup_errors=True)
-        to_browser, self.output = os.pipe()
-        self.input, from_browser = os.pipe()
-
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", START, str(to_browser), str(from_browser), CHROMIUM, *FLAGS, *flags, f"--user-data-dir={self.profile.name}", "about:blank"],
-            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-            pass_fds=(to_browser, from_browser), start_new_session=True)
-        os.close(to_browser)
-        os.close(from_browser)
-        self.buffer = b""
-        self.next_id = 1
-        self.session = None
         self.problems = []  # exceptions and errors that the page logged
-        self.attach()
+        self.buffer = b""
+        self.last_id = 0
+        self.process = subprocess.Popen(["node", DRIVER, CHROMIUM, *FLAGS, *flags], bufsize=0,
+                                        stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
+        try:
+            self.receive(STARTUP_TIMEOUT)
+        except BaseException:
+            self.close()
+            raise
 
-    def attach(self):
-        end = time.monotonic() + STARTUP_TIMEOUT
-        pages = []
-        while not pages and time.monotonic() < end:
-            targets = self.send("Target.getTargets")["targetInfos"]
-            pages = [target for target in targets if target["type"] == "page"]
-        target = pages[0]["targetId"]
-        reply = self.send("Target.attachToTarget", targetId=target, flatten=True)
-        self.session = reply["sessionId"]
-        self.send("Page.enable")
-        self.send("Runtime.enable")
+    def call(self, method, *arguments):
+        """Calls a method of an object of Playwright (browser_driver.mjs) and returns its value."""
+        self.last_id += 1
+        message = {"id": self.last_id, "method": method, "arguments": arguments}
+        try:
+            self.process.stdin.write(json.dumps(message).encode() + b"\n")
+        except BrokenPipeError:
+            pass  # read() reports the end of the driver
+        return self.receive(TIMEOUT)
+
+    def receive(self, seconds):
+        """Returns the value of the reply to the last call, or raises RuntimeError."""
+        end = time.monotonic() + seconds
+        reply = {}
+        while reply.get("id") != self.last_id:
+            while b"\n" not in self.buffer:
+                self.read(end)
+            line, self.buffer = self.buffer.split(b"\n", 1)
+            reply = json.loads(line)
+            self.problems += reply["problems"]
+        if "error" in reply:
+            raise RuntimeError(reply["error"])
+        return reply.get("value")
+
+    def read(self, end):
+        wait = end - time.monotonic()
+        if wait <= 0 or not select.select([self.process.stdout], [], [], wait)[0]:
+            raise TimeoutError("Chromium did not answer")
+        data = self.process.stdout.read(1 << 20)
+        if not data:
+            raise RuntimeError(f"the driver of Chromium ended with code {self.process.wait()}")
+        self.buffer += data
 
     def send(self, method, **parameters):
-        message = {"id": self.next_id, "method": method, "params": parameters}
-        if self.session:
-            message["sessionId"] = self.session
-        self.next_id += 1
-        os.write(self.output, json.dumps(message).encode() + b"\0")
-        while True:
-            reply = self.receive()
-            if reply.get("id") == message["id"]:
-                if "error" in reply:
-                    raise RuntimeError(f"{method}: {reply['error']['message']}")
-                return reply["result"]
-            self.note(reply)
-
-    def receive(self):
-        end = time.monotonic() + (TIMEOUT if self.session else STARTUP_TIMEOUT)
-        while b"\0" not in self.buffer:
-            wait = end - time.monotonic()
-            if wait <= 0 or not select.select([self.input], [], [], wait)[0]:
-                raise TimeoutError("Chromium did not answer")
-            data = os.read(self.input, 1 << 20)
-            if not data:
-                raise RuntimeError("Chromium ended")
-            self.buffer += data
-        message, self.buffer = self.buffer.split(b"\0", 1)
-        return json.loads(message)
-
-    def note(self, event):
-        parameters = event.get("params", {})
-        if event.get("method") == "Runtime.exceptionThrown":
-            details = parameters["exceptionDetails"]
-            self.problems.append(details.get("exception", {}).get("description", details["text"]))
-        elif event.get("method") == "Runtime.consoleAPICalled" and parameters["type"] == "error":
-            self.problems.append(str([item.get("value") for item in parameters["args"]]))
+        """Sends a DevTools command to the page. Playwright has no method for these."""
+        return self.call("session.send", method, parameters)
 
     def open(self, url):
-        self.send("Page.navigate", url=url)
-        self.wait_for("document.readyState === 'complete' && location.href !== 'about:blank'")
+        self.call("page.goto", url)
 
     def evaluate(self, script):
-        reply = self.send("Runtime.evaluate", expression=script, awaitPromise=True,
-                          returnByValue=True, userGesture=True)
-        if "exceptionDetails" in reply:
-            details = reply["exceptionDetails"]
-            raise RuntimeError(details.get("exception", {}).get("description", details["text"]))
-        return reply["result"].get("value")
+        return self.call("page.evaluate", script)
 
     def resize(self, width, height, ratio=1, mobile=False):
         self.send("Emulation.setDeviceMetricsOverride", width=width, height=height,
                   deviceScaleFactor=ratio, mobile=mobile)
 
     def set_reduced_motion(self, reduced):
-        value = "reduce" if reduced else ""
-        self.send("Emulation.setEmulatedMedia",
-                  features=[{"name": "prefers-reduced-motion", "value": value}])
+        self.call("page.emulateMedia", {"reducedMotion": "reduce" if reduced else "no-preference"})
 
-    def mouse(self, kind, x, y, buttons=0, delta=None):
-        more = {"button": "left", "clickCount": 1} if kind != "mouseMoved" else {}
-        if kind == "mouseWheel":
-            more = {"deltaX": 0, "deltaY": delta}
-        self.send("Input.dispatchMouseEvent", type=kind, x=x, y=y, buttons=buttons, **more)
+    def move(self, x, y):
+        self.call("mouse.move", x, y)
+
+    def wheel(self, delta):
+        self.call("mouse.wheel", 0, delta)
 
     def click(self, x, y):
-        self.mouse("mouseMoved", x, y)
-        self.mouse("mousePressed", x, y, 1)
-        self.mouse("mouseReleased", x, y)
+        self.call("mouse.click", x, y)
 
     def drag(self, begin, end, steps=5):
-        self.mouse("mouseMoved", *begin)
-        self.mouse("mousePressed", *begin, 1)
-        for step in range(1, steps + 1):
-            x, y = (a + (b - a) * step / steps for a, b in zip(begin, end))
-            self.mouse("mouseMoved", x, y, 1)
-        self.mouse("mouseReleased", *end)
+        self.move(*begin)
+        self.call("mouse.down")
+        self.call("mouse.move", *end, {"steps": steps})
+        self.call("mouse.up")
 
     def touch(self, kind, *points):
         self.send("Input.dispatchTouchEvent", type=kind,
                   touchPoints=[{"x": x, "y": y, "id": i} for i, (x, y) in enumerate(points)])
 
-    def press(self, key, code=None, modifiers=0):
-        """Presses and releases a key; `modifiers`: 8 is shift."""
-        text = {"text": key} if len(key) == 1 else {}
-        if key == "Enter":
-            text = {"text": "\r"}
-        keys = {"key": key, "code": code or key, "modifiers": modifiers}
-        self.send("Input.dispatchKeyEvent", type="keyDown", **keys, **text)
-        self.send("Input.dispatchKeyEvent", type="keyUp", **keys)
+    def press(self, key):
+        """Presses and releases a key, or several as in Shift+ArrowRight."""
+        self.call("keyboard.press", key)
 
     def screenshot_data(self):
+        # Playwright's method ignores the ratio of resize().
         return self.send("Page.captureScreenshot", format="png")["data"]
 
     def close(self):
+        """Ends the driver, which kills Chromium."""
+        self.process.stdin.close()
+        try:
+            self.process.wait(10)
+        except subprocess.TimeoutExpired:
+            pass
         super().close()
-        os.close(self.output)
-        os.close(self.input)
+        self.process.stdout.close()

@@ -7,7 +7,7 @@ import time
 
 
 class BrowserPage:
-    """A page of a browser. A driver sets `process` and `profile`, a temporary folder."""
+    """A page of a browser. A driver sets `process`, which leads a process group."""
 
     def wait_for(self, condition, seconds=20):
         end = time.monotonic() + seconds
@@ -24,4 +24,3 @@ class BrowserPage:
         if self.process.poll() is None:
             os.killpg(self.process.pid, signal.SIGKILL)
         self.process.wait()
-        self.profile.cleanup()

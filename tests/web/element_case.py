@@ -8,7 +8,7 @@ import subprocess
 import tempfile
 import unittest
 
-from browser import CHROMIUM, Browser, Server
+from browser import Browser, Server, require
 
 TESTS = os.path.dirname(os.path.abspath(__file__))
 
@@ -73,7 +73,5 @@ class ElementCase(unittest.TestCase):
 
 def run():
     """Runs the tests of the calling script. Exit code 77: skipped."""
-    if not os.path.exists(CHROMIUM) or shutil.which("esbuild") is None:
-        print("skipped: needs chromium and esbuild")
-        raise SystemExit(77)
+    require("esbuild")
     unittest.main()

@@ -95,3 +95,7 @@ class Firefox(BrowserPage):
 
     def screenshot_data(self):
         return self.send("WebDriver:TakeScreenshot", full=False)["value"]
+
+    def close(self):
+        super().close()
+        self.profile.cleanup()

@@ -16,7 +16,7 @@ import unittest
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path[:0] = [HERE, os.path.join(HERE, "..", "fetch")]
-from browser import CHROMIUM, Browser  # noqa: E402
+from browser import Browser, require  # noqa: E402
 from nginx import Nginx  # noqa: E402
 
 SIZE = (640, 320)
@@ -86,9 +86,7 @@ def run(case):
     if len(sys.argv) != 5:
         sys.exit(__doc__)
     case.make, case.record, case.package, case.npm = map(os.path.abspath, sys.argv[1:])
-    if not os.path.exists(CHROMIUM) or shutil.which("nginx") is None:
-        print("skipped: needs chromium and nginx")
-        sys.exit(77)
+    require("nginx")
     missing = [path for path in case.MODULES.values()
                if not os.path.exists(os.path.join(case.npm, path))]
     if missing:

@@ -2,14 +2,11 @@
 """Serves a page to headless Chromium and collects its posts."""
 import http.server
 import os
-import shutil
-import subprocess
-import tempfile
 import threading
 import time
 
-FLAGS = ["--headless=new", "--no-sandbox", "--disable-gpu-sandbox", "--use-angle=swiftshader",
-         "--enable-unsafe-swiftshader", "--no-first-run", "--window-size=800,600"]
+from browser import Browser
+
 # For WebGPU without a GPU. The page needs a secure context, such as this server.
 WEBGPU_FLAGS = ["--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader",
                 "--enable-features=Vulkan", "--use-vulkan=swiftshader"]
@@ -60,30 +57,21 @@ class PageServer:
         self.thread = threading.Thread(target=self.http.serve_forever, daemon=True)
         self.thread.start()
 
-    def run(self, chromium, page, timeout, flags=()):
-        """Opens a page and returns its posts, once it has posted to /done. `flags`: more options of
+    def run(self, page, timeout, flags=()):
+        """Opens a page in Chromium and returns its posts, once it has posted to /done. `flags`: more options of
         Chromium. Raises TimeoutError."""
-        profile = tempfile.mkdtemp(prefix="stgs-chromium-")
-        url = f"http://127.0.0.1:{self.http.server_address[1]}/{page}"
-        browser = subprocess.Popen([chromium, *FLAGS, *flags, f"--user-data-dir={profile}", url],
-                                   stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-                                   start_new_session=True)
+        browser = Browser(flags)
         try:
+            browser.open(f"http://127.0.0.1:{self.http.server_address[1]}/{page}")
             end = time.monotonic() + timeout
-            while not self.done.wait(0.2):
-                if browser.poll() is not None:
-                    raise TimeoutError(f"Chromium ended with code {browser.returncode}")
+            while not self.done.wait(0.5):
+                if browser.process.poll() is not None:
+                    raise TimeoutError("Chromium ended")
                 if time.monotonic() > end:
                     raise TimeoutError(f"no result after {timeout} s; got {sorted(self.posts)}")
             return self.posts
         finally:
-            browser.terminate()
-            try:
-                browser.wait(10)
-            except subprocess.TimeoutExpired:
-                os.killpg(browser.pid, 9)
-                browser.wait()
-            shutil.rmtree(profile, True)
+            browser.close()
 
     def close(self):
         self.http.shutdown()

@@ -11,6 +11,7 @@ import sys
 import tempfile
 import unittest
 
+from browser import require
 from exr_image import read_exr
 from page_server import PageServer
 
@@ -40,12 +41,12 @@ def psnr(a, b):
 
 class RendererCase(unittest.TestCase):
     """The base of a test of a renderer. set_tools() comes first."""
-    stgs = pack = make = sources = folder = chromium = ""
+    stgs = pack = make = sources = folder = ""
     every_degree = False  # or degree 3 alone
 
     @classmethod
     def set_tools(cls, usage):
-        """Reads the command line of a test; exits with code 77 if a program is missing."""
+        """Reads the command line of a test."""
         if "--every-degree" in sys.argv:
             sys.argv.remove("--every-degree")
             cls.every_degree = True
@@ -53,10 +54,7 @@ class RendererCase(unittest.TestCase):
             sys.exit(usage)
         cls.stgs, cls.pack, cls.make, cls.sources = map(os.path.abspath, sys.argv[1:5])
         cls.folder = os.path.abspath(sys.argv[5]) if len(sys.argv) == 6 else ""
-        cls.chromium = shutil.which("chromium")
-        if cls.chromium is None or shutil.which("esbuild") is None:
-            print("skipped: chromium or esbuild is missing")
-            sys.exit(77)
+        require("esbuild")
 
     @classmethod
     def make_folder(cls):
@@ -103,7 +101,7 @@ class RendererCase(unittest.TestCase):
             json.dump(job, file)
         server = PageServer(cls.work)
         cls.addClassCleanup(server.close)
-        cls.posts = server.run(cls.chromium, page, 500, flags)
+        cls.posts = server.run(page, 500, flags)
         for name, data in cls.posts.items() if cls.folder else ():
             with open(os.path.join(cls.work, name), "wb") as file:
                 file.write(data)

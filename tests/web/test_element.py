@@ -179,7 +179,7 @@ class ElementTest(ElementCase):
         self.check("player.currentTime = 2")
         self.wait("part('.live').getAttribute('aria-pressed') === 'false'")
         self.assertEqual(self.check("part('.live').title"), "Go to the live edge")
-        self.browser.mouse("mouseMoved", 400, 300)
+        self.browser.move(400, 300)
         self.wait("!part('.root').classList.contains('idle')")
         self.capture("behind_live")
         self.browser.click(*self.centre(".live"))

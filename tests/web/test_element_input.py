@@ -5,8 +5,6 @@ import time
 
 from element_case import ElementCase, run
 
-SHIFT = 8
-
 
 class InputTest(ElementCase):
     # Keys
@@ -14,9 +12,9 @@ class InputTest(ElementCase):
     def test_keys_control_playback(self):
         self.show_ready(controls="")
         self.focus_view()
-        self.browser.press(" ", "Space")
+        self.browser.press(" ")
         self.wait("!player.paused")
-        self.browser.press("k", "KeyK")
+        self.browser.press("k")
         self.wait("player.paused")
         self.browser.press("Home")
         self.wait("player.currentTime === 0 && !player.seeking")
@@ -25,15 +23,15 @@ class InputTest(ElementCase):
         self.wait("Math.abs(player.currentTime - 1.2) < 0.01 && !player.seeking")
         self.browser.press("ArrowLeft")
         self.wait("player.currentTime < 0.01 && !player.seeking")
-        self.browser.press(".", "Period")
+        self.browser.press(".")
         self.wait("Math.abs(player.currentTime - 1 / 30) < 1e-6")
         self.browser.press("ArrowUp")
         self.assertEqual(self.check("player.playbackRate"), 1.5)
         self.assertEqual(self.check("part('.speed').textContent"), "1.5×")
         self.browser.press("ArrowDown")
-        self.browser.press("l", "KeyL")
+        self.browser.press("l")
         self.assertTrue(self.check("player.loop"))
-        self.browser.press("i", "KeyI")
+        self.browser.press("i")
         self.assertFalse(self.check("part('.figures').hidden"))
         self.browser.press("End")
         self.wait("player.currentTime > 11.9 && !player.seeking")
@@ -41,14 +39,14 @@ class InputTest(ElementCase):
     def test_keys_do_nothing_without_controls(self):
         self.show_ready()
         self.focus_view()
-        self.browser.press(" ", "Space")
+        self.browser.press(" ")
         self.browser.press("ArrowRight")
         self.assertEqual(self.check("[player.paused, player.currentTime]"), [True, 0])
 
     def test_space_presses_the_focused_button(self):
         self.show_ready(controls="")
         self.check("part('.loop').focus()")
-        self.browser.press(" ", "Space")
+        self.browser.press(" ")
         self.wait("player.loop")
         self.assertTrue(self.check("player.paused"))
 
@@ -117,9 +115,9 @@ class InputTest(ElementCase):
         self.show_ready(controls="")
         distance = "parts.renderers[0].last.camera.translation[2]"
         start = self.check(distance)
-        self.browser.mouse("mouseMoved", 300, 300)
-        self.browser.mouse("mouseMoved", 310, 300)
-        self.browser.mouse("mouseWheel", 310, 300, delta=-200)
+        self.browser.move(300, 300)
+        self.browser.move(310, 300)
+        self.browser.wheel(-200)
         self.wait(f"{distance} < {start} - 0.5")
 
     def test_a_page_scrolls_over_a_player_that_is_not_used(self):
@@ -127,7 +125,8 @@ class InputTest(ElementCase):
         self.show_ready(style="height: 400px; margin-top: 500px")
         distance = "parts.renderers[0].last.camera.translation[2]"
         start = self.check(distance)
-        self.browser.mouse("mouseWheel", 300, 600, delta=100)
+        self.browser.move(300, 600)
+        self.browser.wheel(100)
         self.wait("scrollY === 100")
         self.assertEqual(self.check(distance), start)
 
@@ -146,10 +145,10 @@ class InputTest(ElementCase):
     def test_fullscreen_by_key(self):
         self.show_ready(controls="")
         self.focus_view()
-        self.browser.press("f", "KeyF")
+        self.browser.press("f")
         self.wait("document.fullscreenElement === player")
         self.wait("part('.fullscreen').getAttribute('aria-label') === 'Exit fullscreen'")
-        self.browser.press("f", "KeyF")
+        self.browser.press("f")
         self.wait("document.fullscreenElement === null")
 
     def test_an_aborted_load_shows_nothing(self):
@@ -165,18 +164,17 @@ class InputTest(ElementCase):
         self.show_ready(camera="fly", controls="")
         self.focus_view()
         start = self.camera()["translation"][2]
-        send = self.browser.send
-        send("Input.dispatchKeyEvent", type="keyDown", key="w", code="KeyW")
+        self.browser.call("keyboard.down", "w")
         self.wait(f"parts.renderers[0].last.camera.translation[2] < {start} - 0.2")
-        send("Input.dispatchKeyEvent", type="keyUp", key="w", code="KeyW")
+        self.browser.call("keyboard.up", "w")
 
     def test_shift_and_arrows_rotate(self):
         self.show_ready(controls="")
         self.focus_view()
-        self.browser.press("ArrowRight", modifiers=SHIFT)
+        self.browser.press("Shift+ArrowRight")
         self.wait("parts.renderers[0].last.camera.rotation[2] !== 0")
         self.assertEqual(self.check("player.currentTime"), 0)
-        self.browser.press("r", "KeyR")
+        self.browser.press("r")
         self.wait("Math.abs(parts.renderers[0].last.camera.rotation[2]) < 1e-9")
 
     def test_two_fingers_pinch(self):
@@ -197,7 +195,7 @@ class InputTest(ElementCase):
         self.browser.click(300, 300)
         self.wait("part('.root').classList.contains('idle')")
         self.capture("idle")
-        self.browser.mouse("mouseMoved", 400, 300)
+        self.browser.move(400, 300)
         self.wait("!part('.root').classList.contains('idle')")
         self.browser.click(*self.centre(".statistics"))
         self.capture("playing")

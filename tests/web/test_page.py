@@ -3,7 +3,7 @@
 """The package plays files from nginx in headless Chromium.
 
 usage: test_page.py STGS MAKE_WEB_SCENE PACKAGE
-PACKAGE: the folder of stgs.js. Exit code 77: Chromium or nginx is missing
+PACKAGE: the folder of stgs.js. Exit code 77: Chromium, playwright-core or nginx is missing
 """
 import array
 import base64
@@ -19,7 +19,7 @@ import wave
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path[:0] = [HERE, os.path.join(HERE, "..", "fetch")]
-from browser import CHROMIUM, Server  # noqa: E402
+from browser import Server, require  # noqa: E402
 from exr_image import read_exr  # noqa: E402
 from package_case import serve  # noqa: E402
 from page_server import WEBGPU_FLAGS  # noqa: E402
@@ -293,9 +293,7 @@ def main():
     if len(sys.argv) != 4:
         sys.exit(__doc__)
     STGS, MAKE, PACKAGE = map(os.path.abspath, sys.argv[1:])
-    if not os.path.exists(CHROMIUM) or shutil.which("nginx") is None:
-        print("skipped: needs chromium and nginx")
-        sys.exit(77)
+    require("nginx")
     unittest.main(argv=sys.argv[:1])
 
 

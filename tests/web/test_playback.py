@@ -21,16 +21,10 @@ class Playback(PackageCase):
     def memory(self):
         """Returns the resident bytes of the processes of pages, with workers and WebAssembly."""
         total = 0
-        for entry in filter(str.isdigit, os.listdir("/proc")):
-            try:
-                with open(f"/proc/{entry}/cmdline", "rb") as file:
-                    is_page = b"--type=renderer" in file.read()
-                # Chromium starts its processes in its own group.
-                if is_page and os.getpgid(int(entry)) == self.browser.process.pid:
-                    with open(f"/proc/{entry}/statm", encoding="ascii") as file:
-                        total += int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-            except (FileNotFoundError, ProcessLookupError):
-                pass  # it has ended
+        for process in self.browser.call("browserSession.send", "SystemInfo.getProcessInfo")["processInfo"]:
+            if process["type"] == "renderer":
+                with open(f"/proc/{process['id']}/statm", encoding="ascii") as file:
+                    total += int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
         return total
 
     def test_frames_follow_the_clock(self):

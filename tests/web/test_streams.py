@@ -7,6 +7,10 @@ import subprocess
 import tempfile
 
 from package_case import Nginx, PackageCase, run
+from faulty_server import FaultyServer  # in a folder that package_case adds
+
+# With which pages of other origins can read a file.
+OPEN = (("Access-Control-Allow-Origin", "*"), ("Access-Control-Expose-Headers", "Content-Range, ETag"))
 
 
 class Streams(PackageCase):
@@ -53,6 +57,29 @@ class Streams(PackageCase):
         events = self.check("events")
         self.assertIn("waiting", events)
         self.assertEqual(events[-1], "ended")
+
+    def show_from(self, faults):
+        """Shows the scene from a server with faults. Returns the message of the error, or None."""
+        with open(os.path.join(self.work, "scene.stgs"), "rb") as file:
+            data = file.read()
+        with FaultyServer(data, faults, OPEN) as server:
+            self.check("show", {"src": server.url})
+            self.wait("player.readyState === 4 || player.error")
+            return self.check("player.error && player.error.message")
+
+    def test_faults_that_end_are_survived(self):
+        for fault in ({"status": 503}, {"status": 429, "retry_after": 1}, {"cut": 100}, {"long": 7}):
+            for before in ([], [{}]):  # in the first read, which the page does, and in one of the worker
+                with self.subTest(fault=fault, before=before):
+                    self.assertIsNone(self.show_from([*before, fault]))
+
+    def test_faults_that_do_not_end_are_reported(self):
+        for fault, message in (({"status": 404}, "no such file"), ({"status": 403}, "refuses access"),
+                               ({"complete": True}, "does not support range requests"),
+                               ({"shift": 1}, "another range than requested"),
+                               ({"cut": 10}, "check the address, the network")):
+            with self.subTest(fault=fault):
+                self.assertIn(message, str(self.show_from(9 * [fault])))
 
     def test_a_recording_is_followed_until_it_is_closed(self):
         fragments, seconds = 24, 1 / 3

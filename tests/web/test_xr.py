@@ -130,9 +130,8 @@ class Xr(PackageCase):
         self.check("show", {})
         name = self.check("player.enterXR().catch((error) => error.name)")
         self.assertEqual(name, "NotSupportedError")  # there is no player
-        self.check("player.load('scene.stgs'), 0")
-        name = self.check("player.enterXR().catch((error) => error.name)")
-        self.assertEqual(name, "InvalidStateError")
+        name = self.check("player.load('scene.stgs'), player.enterXR().catch((error) => error.name)")
+        self.assertEqual(name, "InvalidStateError")  # it is not loaded yet
 
 
 if __name__ == "__main__":

@@ -248,7 +248,7 @@ window.playSome = async () => {
     renderer.render(scene, camera);
   });
   await mesh.player.play();
-  for (let k = 0; k < 100 && (changes <= 3 || mesh.player.currentTime <= 0.2); ++k) await delay(100);
+  for (let k = 0; k < 400 && (changes <= 3 || mesh.player.currentTime <= 0.2); ++k) await delay(100);
   const time = mesh.player.currentTime;
   mesh.player.pause();
   await delay(1000);

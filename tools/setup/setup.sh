@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # Installs the packages of tools/setup/packages.txt that are missing.
-# usage: setup.sh [--print] SECTION...    sections: core, program, web, check, check-all
+# usage: setup.sh [--print] SECTION...    sections: core, program, web, check, npm, check-all
 #   --print  prints the names of the packages, one per line, and installs nothing
 # Exit code 0: all packages are installed; 1: a package could not be installed; 2: usage.
 set -eu
@@ -13,7 +13,7 @@ if [ "${1:-}" = --print ]; then
   shift
 fi
 if [ $# -eq 0 ]; then
-  echo "usage: setup.sh [--print] SECTION...    sections: core, program, web, check, check-all" >&2
+  echo "usage: setup.sh [--print] SECTION...    sections: core, program, web, check, npm, check-all" >&2
   exit 2
 fi
 
