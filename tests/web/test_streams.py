@@ -30,6 +30,7 @@ class Streams(PackageCase):
             return player;
           });
         })()""")
+        self.assertFalse(self.check("crossOriginIsolated"))  # without headers COOP and COEP
         self.wait("players.every((player) => player.readyState >= 3)")
         self.check("players[0].playbackRate = 0.25, players[0].play(), players[1].currentTime = 1.5, 0")
         self.wait("players[0].currentTime > 0.1 && !players[1].seeking")
