@@ -58,6 +58,7 @@ class Lpips(CliTest):
         compare = ("compare", "a.png", "a.png", "--lpips")
         self.fails(IO, "missing.safetensors", *compare, "missing.safetensors")
         self.fails(INVALID, "a.png", *compare, "a.png")
+        self.fails(UNSUPPORTED, "LPIPS of 96x64 pixels needs", *compare, "squeeze.safetensors", "--memory", "1M")
         self.fails(UNSUPPORTED, r"LPIPS \(squeeze\) needs images of at least", "compare", "small.png", "small.png",
                    "--lpips", "squeeze.safetensors")
 

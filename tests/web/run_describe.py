@@ -25,11 +25,12 @@ const contents = files.map(([name, begin, end]) => [name, all.subarray(begin, en
 describe(create, await load("program.wasm"), args, contents)
   .then((output) => postMessage({ output }), (error) => postMessage({ error: String(error) }));
 """
-RUN = """new Promise((resolve) => {
+RUN = """(() => {
   const worker = new Worker("worker.mjs", { type: "module" });
-  worker.onmessage = ({ data }) => resolve(data);
-  worker.onerror = ({ message }) => resolve({ error: message ?? "the worker did not start" });
-})"""
+  worker.onmessage = ({ data }) => (window.result = data);
+  worker.onerror = ({ message }) => (window.result = { error: message ?? "the worker did not start" });
+})()"""
+SECONDS = 500
 
 
 def write_job(folder, program, arguments):
@@ -62,7 +63,9 @@ def main():
         browser = Browser()
         try:
             browser.open(server.url + "page.html")
-            result = browser.evaluate(RUN)
+            browser.evaluate(RUN)
+            browser.wait_for("'result' in window", SECONDS)
+            result = browser.evaluate("result")
         finally:
             browser.close()
             server.close()

@@ -30,5 +30,5 @@ test("the memory of a decoder does not grow with the scene", async (t) => {
   }
   t.diagnostic(`${primitives} primitives, ${(decoder.memoryBytes / 1e6).toFixed(1)} MB`);
   assert.ok(primitives > 0.99 * PRIMITIVES, `${primitives} primitives`);
-  assert.ok(decoder.memoryBytes < 50e6, `${decoder.memoryBytes} bytes`);
+  assert.ok(decoder.memoryBytes < 20e6, `${decoder.memoryBytes} bytes`);
 });

@@ -22,9 +22,13 @@ class Playback(PackageCase):
         """Returns the resident bytes of the processes of pages, with workers and WebAssembly."""
         total = 0
         for process in self.browser.call("browserSession.send", "SystemInfo.getProcessInfo")["processInfo"]:
-            if process["type"] == "renderer":
+            if process["type"] != "renderer":
+                continue
+            try:
                 with open(f"/proc/{process['id']}/statm", encoding="ascii") as file:
                     total += int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+            except (FileNotFoundError, ProcessLookupError):
+                pass  # it has ended
         return total
 
     def play(self, seconds):

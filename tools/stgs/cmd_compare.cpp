@@ -112,6 +112,7 @@ class Compare final : public Command {
  private:
   Status compare_images(Session& session) {
     STGS_ASSIGN(Image a, read_image(a_, memory_.bytes()));
+    STGS_TRY(lpips_.check(a.width, a.height, memory_.bytes(), a_));
     const std::uint64_t held =
         a.data.size() * sizeof(float) + metric_bytes(a.width, a.height, lpips_.network());
     if (held > memory_.bytes()) return limit_error(a_, a.width, a.height, held, memory_.bytes());
@@ -135,9 +136,10 @@ class Compare final : public Command {
     STGS_ASSIGN(auto first, open_scene(session, a_, limits));
     STGS_ASSIGN(auto second, open_scene(session, b_, limits));
     STGS_ASSIGN(const encoder::Camera camera, find_camera(first->metadata()));
+    const std::string name = camera_.empty() ? display_name(a_) : camera_;
+    STGS_TRY(lpips_.check(camera.width, camera.height, limits.max_memory, name));
     STGS_ASSIGN(const std::uint64_t third,
-                third_of_memory(limits.max_memory, camera, lpips_.network(),
-                                camera_.empty() ? display_name(a_) : camera_));
+                third_of_memory(limits.max_memory, camera, lpips_.network(), name));
     const auto timeline = [&](std::unique_ptr<SceneReader> reader, const std::string& location) {
       auto made = player::Timeline::from_reader(std::move(reader), display_name(location), third);
       made->budget()->set_limit(Budget::Pool::kRenderer, third);  // which is 1 GiB at least

@@ -79,9 +79,8 @@ Json to_json(const CameraCoverage& c) {
   return {{"by_none", c.by_none}, {"by_one", c.by_one}, {"by_more", c.by_more}};
 }
 
-Result<Scores> score(const Image& image, const encoder::PreparedCapture& capture,
-                     const encoder::Camera& camera, int frame, const encoder::Image8& background) {
-  STGS_ASSIGN(const encoder::Image8 loaded, encoder::load_frame(capture, camera, frame));
+Result<Scores> score(const Image& image, const encoder::Image8& loaded,
+                     const encoder::Image8& background) {
   const Image ground_truth = encoder::to_float(loaded);
   STGS_ASSIGN(const encoder::Ssim similarity, encoder::ssim(image, ground_truth));
   Scores s;
@@ -102,6 +101,7 @@ struct Job {
   std::size_t camera = 0;
   int frame = 0;
   Image image;
+  encoder::Image8 ground_truth;
   Scores scores;
 };
 
@@ -159,6 +159,8 @@ class Evaluate final : public Command {
                                    session.log_sink());
     STGS_ASSIGN(cameras_, choose_cameras(capture_, which_));
     STGS_TRY(encoder::check_frame_files(capture_, cameras_));
+    for (const encoder::Camera& camera : cameras_)
+      STGS_TRY(lpips_.check(camera.width, camera.height, memory_.bytes(), camera.name));
     STGS_ASSIGN(auto renderer, player::make_renderer(session.options.backend));
     STGS_TRY(find_backgrounds(session));
     STGS_TRY(measure(session, *timeline, *renderer));
@@ -204,35 +206,37 @@ class Evaluate final : public Command {
           return runtime_error("the evaluation is not complete");
         }
       }
-      STGS_TRY(score_jobs(jobs));
+      STGS_TRY(score_jobs(session, jobs));
     }
     return {};
   }
 
   // Returns the error of the first job that has one.
-  Status score_jobs(std::vector<Job>& jobs) {
+  Status score_jobs(Session& session, std::vector<Job>& jobs) {
     std::vector<Status> scoring(jobs.size());
-    parallel_for(std::size_t{0}, jobs.size(), [&](std::size_t i) {
-      Job& job = jobs[i];
-      auto result =
-          score(job.image, capture_, cameras_[job.camera], job.frame, backgrounds_[job.camera]);
-      scoring[i] = result.status();
-      if (result.ok()) job.scores = *result;
-    });
+    parallel_for(std::size_t{0}, jobs.size(),
+                 [&](std::size_t i) { scoring[i] = score_job(jobs[i]); });
     for (const Status& status : scoring) STGS_TRY(status);
     for (Job& job : jobs) {
-      if (lpips_.network() != nullptr) STGS_TRY(measure_lpips(job));
+      if (lpips_.network() != nullptr) STGS_TRY(measure_lpips(session, job));
       scores_[job.camera][static_cast<std::size_t>(job.frame / every_)] = job.scores;
     }
     return {};
   }
 
-  // Uses all threads for one image, because a network needs much memory.
-  Status measure_lpips(Job& job) {
-    STGS_ASSIGN(const encoder::Image8 loaded,
-                encoder::load_frame(capture_, cameras_[job.camera], job.frame));
-    STGS_ASSIGN(job.scores.lpips, lpips_.network()->distance(job.image, encoder::to_float(loaded)));
+  Status score_job(Job& job) const {
+    STGS_ASSIGN(job.ground_truth, encoder::load_frame(capture_, cameras_[job.camera], job.frame));
+    STGS_ASSIGN(job.scores, score(job.image, job.ground_truth, backgrounds_[job.camera]));
     return {};
+  }
+
+  // Uses all threads for one image, because a network needs much memory.
+  Status measure_lpips(Session& session, Job& job) {
+    STGS_ASSIGN(job.scores.lpips,
+                lpips_.network()->distance(job.image, encoder::to_float(job.ground_truth)));
+    const std::size_t total = scores_.size() * scores_[0].size();
+    if (session.progress("lpips", ++measured_, total)) return {};
+    return runtime_error("the evaluation is not complete");
   }
 
   // Measures the drift and the coverage, by the training cameras.
@@ -326,6 +330,7 @@ class Evaluate final : public Command {
   std::vector<std::vector<Scores>> scores_;   // [camera][frame]
   ImageDrift drift_;
   CameraCoverage coverage_;
+  std::size_t measured_ = 0;  // images, with LPIPS
 };
 
 }  // namespace

@@ -28,6 +28,19 @@ class LpipsOption {
   }
   // The network; null without the option.
   const encoder::Lpips* network() const { return network_.get(); }
+  // Checks that the network, if there is one, can compare images of this size within `memory`
+  // bytes. kUnsupported or kLimit names `name`, which has this size.
+  Status check(int width, int height, std::uint64_t memory, const std::string& name) const {
+    if (network_ == nullptr) return {};
+    if (const Status size = network_->check_size(width, height); !size.ok())
+      return unsupported("{}: {}", name, size.message());
+    const std::uint64_t bytes = network_->working_bytes(width, height);
+    if (bytes <= memory) return {};
+    return {StatusCode::kLimit,
+            fmt::format("{}: LPIPS of {}x{} pixels needs {}, more than the memory limit of {}; use "
+                        "SqueezeNet, smaller images, or a larger --memory",
+                        name, width, height, human_bytes(bytes), human_bytes(memory))};
+  }
   // Adds a value to a report, with the name of the network, if there is one.
   void add(double value, Json& report) const {
     if (network_ == nullptr) return;

@@ -20,6 +20,8 @@ namespace {
 using Kind = LpipsLayer::Kind;
 using Values = std::vector<float>;
 
+constexpr float kEpsilon = 1e-10f;  // added to the length of the features of a pixel
+
 // A step of a network with its weights.
 struct Stage {
   std::optional<Convolution> convolution;  // with ReLU; otherwise a pooling
@@ -85,16 +87,26 @@ Status read_layer(const Safetensors& file, const LpipsLayer& layer, std::vector<
   return {};
 }
 
+// Reads the weights of the channels of a tap.
+Result<Values> read_channel_weights(const Safetensors& file, int tap, int channels) {
+  const std::string name = fmt::format("lin{}.model.1.weight", tap);
+  constexpr std::uint64_t kOne = 1;
+  const std::array shape{kOne, static_cast<std::uint64_t>(channels), kOne, kOne};
+  STGS_ASSIGN(Values weights, file.floats(name, shape));
+  if (*std::min_element(weights.begin(), weights.end()) < 0.0f) {
+    return invalid_file("{}: tensor '{}': negative channel weight (expected >= 0)", file.name(),
+                        name);
+  }
+  return weights;
+}
+
 Result<std::vector<Stage>> read_stages(const Safetensors& file, const LpipsNetwork& network) {
   std::vector<Stage> stages;
   int tap = 0;
   for (const LpipsLayer& layer : network.layers) {
     STGS_TRY(read_layer(file, layer, stages));
     if (!layer.tap) continue;
-    const auto channels = static_cast<std::uint64_t>(layer.out);
-    STGS_ASSIGN(stages.back().weights, file.floats(fmt::format("lin{}.model.1.weight", tap++),
-                                                   std::array{std::uint64_t{1}, channels,
-                                                              std::uint64_t{1}, std::uint64_t{1}}));
+    STGS_ASSIGN(stages.back().weights, read_channel_weights(file, tap++, layer.out));
   }
   return stages;
 }
@@ -133,7 +145,7 @@ void load(const Image& image, FeatureMap& out) {
 float scale_of(const float* features, int channels) {
   float square = 0.0f;
   for (int c = 0; c < channels; ++c) square += features[c] * features[c];
-  return 1.0f / std::sqrt(square + kVggEpsilon);
+  return 1.0f / (std::sqrt(square) + kEpsilon);
 }
 
 // Returns the distance at a tap.
@@ -158,10 +170,18 @@ double tap_distance(const FeatureMap& a, const FeatureMap& b, const Values& weig
 
 class Network final : public Lpips {
  public:
-  Network(std::string name, std::vector<Stage> stages)
-      : name_(std::move(name)), stages_(std::move(stages)) {}
+  Network(std::string name, std::string file, std::vector<Stage> stages)
+      : name_(std::move(name)), file_(std::move(file)), stages_(std::move(stages)) {}
 
   std::string network() const override { return name_; }
+
+  Status check_size(int width, int height) const override {
+    if (is_allowed(width, height)) return {};
+    int side = 1;
+    while (!is_allowed(side, side)) ++side;
+    return unsupported("LPIPS ({0}) needs images of at least {1}x{1} pixels (got {2}x{3})", name_,
+                       side, width, height);
+  }
 
   std::uint64_t working_bytes(int width, int height) const override {
     const auto bytes_of = [](int w, int h, int channels) {
@@ -173,7 +193,6 @@ class Network final : public Lpips {
     for (const Stage& stage : stages_) {
       width = stage.window.count(width);
       height = stage.window.count(height);
-      if (width == 0 || height == 0) return 0;
       const bool gathers = stage.convolution && stage.convolution->gathers();
       const int taps = gathers ? stage.window.size * stage.window.size : 0;
       const std::uint64_t after = 2 * bytes_of(width, height, stage.channels);
@@ -185,11 +204,7 @@ class Network final : public Lpips {
   }
 
   Result<double> distance(const Image& a, const Image& b) const override {
-    if (working_bytes(a.width, a.height) == 0) {
-      const int side = min_side();
-      return unsupported("LPIPS ({}) needs images of at least {}x{} pixels (got {}x{})", name_,
-                         side, side, a.width, a.height);
-    }
+    STGS_TRY(check_size(a.width, a.height));
     std::array<FeatureMap, 2> maps;
     load(a, maps[0]);
     load(b, maps[1]);
@@ -206,17 +221,20 @@ class Network final : public Lpips {
       }
       if (!stage.weights.empty()) out += tap_distance(maps[0], maps[1], stage.weights);
     }
+    if (!std::isfinite(out)) return invalid_file("{}: the weights are too large", file_);
     return out;
   }
 
  private:
-  int min_side() const {
-    int side = 1;
-    while (working_bytes(side, side) == 0) ++side;
-    return side;
+  bool is_allowed(int width, int height) const {
+    for (const Stage& stage : stages_) {
+      width = stage.window.count(width);
+      height = stage.window.count(height);
+    }
+    return width > 0 && height > 0;
   }
 
-  std::string name_;
+  std::string name_, file_;
   std::vector<Stage> stages_;
 };
 
@@ -226,7 +244,8 @@ Result<std::shared_ptr<const Lpips>> Lpips::read(std::unique_ptr<ByteSource> sou
   STGS_ASSIGN(const Safetensors file, Safetensors::open(std::move(source)));
   STGS_ASSIGN(const LpipsNetwork network, network_of(file));
   STGS_ASSIGN(std::vector<Stage> stages, read_stages(file, network));
-  return std::shared_ptr<const Lpips>(std::make_shared<Network>(network.name, std::move(stages)));
+  return std::shared_ptr<const Lpips>(
+      std::make_shared<Network>(network.name, file.name(), std::move(stages)));
 }
 
 }  // namespace stgs::encoder

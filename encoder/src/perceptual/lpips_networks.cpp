@@ -57,6 +57,14 @@ constexpr auto kVgg = [] {
   return out;
 }();
 
+// FeatureMap has a multiple of 16 channels after a convolution.
+constexpr bool has_whole_panels(std::span<const LpipsLayer> layers) {
+  for (const LpipsLayer& layer : layers)
+    if (layer.out % 16 != 0 || layer.squeezed % 16 != 0) return false;
+  return true;
+}
+static_assert(has_whole_panels(kSqueeze) && has_whole_panels(kAlex) && has_whole_panels(kVgg));
+
 constexpr LpipsNetwork kNetworks[] = {{"squeeze", kSqueeze}, {"alex", kAlex}, {"vgg", kVgg}};
 
 }  // namespace

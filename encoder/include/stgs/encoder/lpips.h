@@ -30,11 +30,12 @@ class Lpips {
   virtual ~Lpips() = default;
   // Returns "squeeze", "vgg" or "alex".
   virtual std::string network() const = 0;
-  // Returns the memory that distance() needs for images of this size, bytes; 0 if they are smaller
-  // than the network allows.
+  // kUnsupported if images of this size are smaller than the network allows.
+  virtual Status check_size(int width, int height) const = 0;
+  // Returns the memory that distance() needs for images that pass check_size(), bytes.
   virtual std::uint64_t working_bytes(int width, int height) const = 0;
-  // Returns the distance of two images of the same size, planar RGB in [0,1]. kUnsupported if they
-  // are smaller than the network allows.
+  // Returns the distance of two images of the same size that passes check_size(), planar RGB in
+  // [0,1]. kInvalidFile if the weights are so large that it is not finite.
   virtual Result<double> distance(const Image& a, const Image& b) const = 0;
 };
 
