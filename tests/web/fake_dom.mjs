@@ -14,6 +14,7 @@ class FakeElement extends EventTarget {
   clientHeight = 360;
   offsetWidth = 0;
   text = "";
+  ownerDocument = { defaultView: globalThis };
   classList = {
     toggle: (name, isSet) => void (isSet ? this.classes.add(name) : this.classes.delete(name)),
     add: (name) => void this.classes.add(name),
@@ -102,6 +103,9 @@ Object.assign(globalThis, {
   customElements: { define: (name, type) => defined.set(name, type), get: (name) => defined.get(name) },
   HTMLElement: FakeElement,
   HTMLButtonElement: class {},
+  CSSStyleSheet: class {
+    replaceSync() {}
+  },
   ResizeObserver: class {
     observe() {}
     unobserve() {}

@@ -341,10 +341,31 @@ test("the frame rate is that of completed frames", async () => {
   assert.equal(player.stats.framesPerSecond, 0);
 });
 
+test("the frames of earlier renderers are not counted again", async () => {
+  const { player, renderer, host } = await startPlaying();
+  const own = renderer.statistics; // without a number of frames
+  await host.run(2000);
+  const replace = async (statistics) => {
+    Object.assign(renderer, { name: null, statistics: { primitives: 0, visible: 0, sortMs: 0 } });
+    await host.run(20);
+    assert.ok(player.stats.framesPerSecond <= 51, `${player.stats.framesPerSecond} fps`);
+    Object.assign(renderer, { name: "webgl2", statistics });
+    await host.run(100);
+    assert.ok(player.stats.framesPerSecond <= 51, `${player.stats.framesPerSecond} fps`);
+  };
+  await replace(own);
+  let frames = 0;
+  const { render } = renderer;
+  renderer.render = (...view) => (++frames, render.apply(renderer, view));
+  await replace({ ...own, get frames() { return frames; } });
+  await host.run(4000);
+  await replace(own);
+});
+
 test("a renderer that is being loaded draws no frames and is not late", async () => {
   const { player, renderer, host, worker } = await startPlaying();
   renderer.name = null;
-  renderer.statistics = { primitives: 0, visible: 0, sortMs: 0, frames: 0 };
+  renderer.statistics = { primitives: 0, visible: 0, sortMs: 0 };
   await host.run(4000);
   worker.state("playing", 4);
   await host.run(2000);

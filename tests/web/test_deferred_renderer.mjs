@@ -30,7 +30,7 @@ test("what happens before the renderer is ready happens once it is", async () =>
   moved.translation[2] = 9;
   const exact = renderer.renderExactly(camera, 2);
   assert.equal(renderer.name, null);
-  assert.deepEqual(renderer.statistics, { primitives: 0, visible: 0, sortMs: 0, frames: 0 });
+  assert.deepEqual(renderer.statistics, { primitives: 0, visible: 0, sortMs: 0 });
   assert.equal((await renderer.readPixels()).length, 0);
 
   const target = new FakeRenderer();
@@ -114,6 +114,18 @@ test("a segment that the renderer refuses is an error", async () => {
   creations[0].resolve(target);
   await settle();
   assert.deepEqual(errors, ["too large"]);
+});
+
+test("a scene that the renderer refuses is an error, and the next one has another renderer", async () => {
+  const { renderer, creations, errors } = setUp();
+  const target = new FakeRenderer();
+  target.setScene = () => { throw new Error("out of memory"); };
+  creations[0].resolve(target);
+  await settle();
+  assert.throws(() => renderer.setScene(INFO), /out of memory/);
+  assert.deepEqual(errors, ["out of memory"]);
+  renderer.setScene(INFO);
+  assert.deepEqual([creations.length, target.destroyed], [2, true]);
 });
 
 test("destroy() before the renderer is ready", async () => {

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """<stgs-player>: attributes, lifetime, errors and size."""
 import json
+import os
 from urllib.parse import quote
 
 from browser import Server
@@ -66,6 +67,30 @@ class ElementTest(ElementCase):
         self.check("document.body.append(player)")
         self.wait("player.readyState === 4")
         self.assertEqual(self.check("parts.renderers.length"), 2)
+
+    def test_a_content_security_policy_without_inline_styles(self):
+        with open(os.path.join(self.folder.name, "policy.html"), "w", encoding="utf-8") as file:
+            file.write("""<!doctype html><html lang="en"><head>
+                <meta http-equiv="Content-Security-Policy" content="default-src 'none'; script-src 'self'"></head>
+                <body><script src="element_page.js"></script></body></html>""")
+        self.browser.open(self.server.url + "policy.html")
+        self.check("violations = [], addEventListener('securitypolicyviolation', (event) =>"
+                   " violations.push(event.violatedDirective)), 0")
+        self.show_ready(controls="", src="live.stgs")
+        self.check("player.play()")
+        self.browser.move(*self.centre(".seek"))
+        self.browser.click(*self.centre(".speed"))
+        self.wait("player.currentTime > 0.2")
+        self.assertEqual(self.check("getComputedStyle(player).display"), "block")
+        self.assertEqual(self.check("getComputedStyle(part('canvas')).position"), "absolute")
+        self.assertEqual(self.check("violations"), [])
+
+    def test_the_style_follows_the_element_to_another_document(self):
+        self.show_ready()
+        self.check("document.body.append(document.createElement('iframe'))")
+        self.check("frames[0].document.body.append(player)")
+        self.wait("player.readyState === 4")
+        self.assertEqual(self.check("frames[0].getComputedStyle(player).display"), "block")
 
     def test_a_blob_can_be_played(self):
         self.show(src="")

@@ -6,6 +6,7 @@ import "./fake_dom.mjs";
 import { importSource } from "./import_source.mjs";
 import { FakeRenderer, FakeWorker, settle } from "./player_fakes.mjs";
 import { rejectsWith } from "./player_setup.mjs";
+import { FakeSession, fakeViews, fakeXr } from "./xr_fakes.mjs";
 
 const { defineStgsPlayer } = await importSource("src/element/stgs_player.ts");
 
@@ -16,7 +17,7 @@ defineStgsPlayer({
   createWorker: () => workers[workers.push(new FakeWorker(host)) - 1],
   createRenderer() {
     if (fails) throw new Error("no WebGL2");
-    return new FakeRenderer();
+    return Object.assign(new FakeRenderer(), { views: fakeViews() });
   },
 });
 
@@ -145,6 +146,51 @@ test("the playback rate survives another player", async () => {
   await complete();
   assert.deepEqual([element.playbackRate, workers[1].last("rate").rate], [0.5, 0.5]);
 });
+
+test("each change of the playback rate is reported once, also without a player", async () => {
+  const element = show({ controls: "" });
+  const rates = [];
+  element.addEventListener("ratechange", () => rates.push(element.playbackRate));
+  element.playbackRate = 2;
+  assert.deepEqual(rates, []); // after the call
+  await settle();
+  assert.equal(part(element, "speed").textContent, "2×");
+  element.playbackRate = 2;
+  element.src = "scene.stgs";
+  await complete();
+  assert.deepEqual(rates, [2]);
+  element.playbackRate = 1;
+  await settle();
+  element.destroy();
+  element.load().catch(() => undefined);
+  await complete();
+  element.playbackRate = 1.5;
+  await settle();
+  assert.deepEqual(rates, [2, 1, 1.5]);
+});
+
+for (const [name, stop] of [
+  ["destroy", (element) => element.destroy()], ["another renderer", (element) => (element.renderer = "webgl2")],
+]) {
+  test(`${name} ends a session, and the button offers to enter`, async (context) => {
+    const { requests, restore } = fakeXr();
+    context.after(restore);
+    const element = await showReady();
+    const events = [];
+    for (const event of ["enterxr", "leavexr", "emptied"]) element.addEventListener(event, () => events.push(event));
+    const label = () => part(element, "xr").getAttribute("aria-label");
+    const entered = element.enterXR();
+    const session = new FakeSession();
+    requests[0].resolve(session);
+    await entered;
+    await settle();
+    assert.equal(label(), "Exit VR");
+    stop(element);
+    await settle();
+    assert.deepEqual(events, ["enterxr", "leavexr", "emptied"]);
+    assert.deepEqual([label(), session.ended, element.isInXR], ["Enter VR", true, false]);
+  });
+}
 
 test("there is no view of the camera without a scene", async () => {
   const element = await showReady();

@@ -6,7 +6,7 @@ import { test } from "node:test";
 import { importSource } from "./import_source.mjs";
 
 const { workerUrl } = await importSource("src/worker_url.ts");
-globalThis.location = { origin: "https://page.example" };
+globalThis.self = globalThis.location = { origin: "https://page.example" };
 const urlOf = (text) => workerUrl(new URL(text));
 
 test("scripts of the page's origin, of Blobs and of data are started directly", () => {
@@ -21,6 +21,15 @@ test("scripts of other origins are imported", async () => {
     const blob = resolveObjectURL(started);
     assert.equal(blob.type, "text/javascript");
     assert.equal(await blob.text(), `import "${url}";`);
+  }
+});
+
+test("a sandboxed frame imports scripts of its URL's origin", () => {
+  globalThis.self = { origin: "null" };
+  try {
+    assert.match(urlOf("https://page.example/stgs-worker.js"), /^blob:/);
+  } finally {
+    globalThis.self = globalThis.location;
   }
 });
 

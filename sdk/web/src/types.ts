@@ -146,6 +146,8 @@ export interface Renderer extends SegmentSink {
    * top. Rejects after a failure.
    */
   readPixels(): Promise<Float32Array>;
+  /** Why it cannot draw; null or absent: it can, or is being loaded. */
+  readonly failure?: Error | null;
   /** The renderer of views, if it is ready and can draw them. */
   readonly views: ViewRenderer | null;
   /** Resolves once `views` is known, whatever it is; absent: it is. */

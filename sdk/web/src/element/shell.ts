@@ -50,10 +50,22 @@ export class Shell {
     );
     this.root = create("div", { class: "root" }, this.view, this.start.poster, this.start.spinner,
                        this.start.button, this.statistics.root, this.bar.root, this.error.root);
-    const shadow = host.attachShadow({ mode: "open" });
-    shadow.append(create("style", {}, STYLE), this.root);
+    host.attachShadow({ mode: "open" }).append(this.root);
+    this.adoptStyle();
     this.listen();
     this.setControls(false);
+  }
+
+  /**
+   * Creates the style sheet in the document of the element, since a shadow tree cannot adopt that of another document.
+   * A content security policy can block <style> elements, but not constructed sheets.
+   */
+  adoptStyle(): void {
+    const view = this.host.ownerDocument.defaultView;
+    if (view === null) return; // the document is not displayed
+    const sheet = new view.CSSStyleSheet();
+    sheet.replaceSync(STYLE);
+    this.host.shadowRoot!.adoptedStyleSheets = [sheet];
   }
 
   setControls(visible: boolean): void {

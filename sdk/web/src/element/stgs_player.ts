@@ -78,6 +78,11 @@ export abstract class StgsPlayerElement extends MediaState implements Media {
     });
   }
 
+  /** The element has moved to another document. */
+  adoptedCallback(): void {
+    this.shell.adoptStyle();
+  }
+
   attributeChangedCallback(name: string, _old: string | null, value: string | null): void {
     switch (name) {
       case "src":
@@ -141,8 +146,10 @@ export abstract class StgsPlayerElement extends MediaState implements Media {
     return this.player?.playbackRate ?? this.wantedRate;
   }
   set playbackRate(rate: number) {
-    this.wantedRate = checkRate(rate);
+    const isChanged = checkRate(rate) !== this.playbackRate;
+    this.wantedRate = rate;
     if (this.player !== null) this.player.playbackRate = rate;
+    else if (isChanged) queueMicrotask(() => this.dispatchEvent(new Event("ratechange")));
   }
   /** See `StgsPlayer.muted`; the attribute sets the initial value. */
   get muted(): boolean {
@@ -202,7 +209,7 @@ export abstract class StgsPlayerElement extends MediaState implements Media {
     return this.player?.enterXR(mode, options) ?? Promise.reject(this.unavailable());
   }
 
-  /** Ends the session, if there is one. */
+  /** Ends the session, also a requested one; see `StgsPlayer.exitXR`. */
   exitXR(): Promise<void> {
     return this.player?.exitXR() ?? Promise.resolve();
   }
@@ -223,9 +230,13 @@ export abstract class StgsPlayerElement extends MediaState implements Media {
     this.player?.requestFrame();
   }
 
-  /** Ends the player and dispatches `emptied`; `load` or `play` creates another player. */
+  /**
+   * Ends the player and dispatches `emptied`, and before it `leavexr` during a session; `load` or `play` creates another
+   * player.
+   */
   destroy(): void {
     if (this.player === null && this.failure === null) return;
+    const { isInXR } = this;
     this.dropCamera();
     this.wantedRate = this.playbackRate;
     this.player?.destroy();
@@ -233,7 +244,10 @@ export abstract class StgsPlayerElement extends MediaState implements Media {
     this.canvas = null;
     this.failure = null;
     this.shell.setCanvas(null);
-    queueMicrotask(() => this.dispatchEvent(new Event("emptied"))); // the player dispatches no more events
+    queueMicrotask(() => { // the player dispatches no more events
+      if (isInXR) this.dispatchEvent(new Event("leavexr"));
+      this.dispatchEvent(new Event("emptied"));
+    });
   }
 
   /** Ends the camera of the scene. */
@@ -289,8 +303,14 @@ export abstract class StgsPlayerElement extends MediaState implements Media {
     this.player.volume = this.wantedVolume;
     this.player.muted = this.wantsMuted ?? this.hasAttribute("muted");
     this.player.loop = this.loop;
+    // The first `ratechange` of the player reports a rate that the element has reported before.
+    let isReported = this.player.playbackRate !== this.wantedRate;
     this.player.playbackRate = this.wantedRate;
-    forwardEvents(this.player, this, (event) => this.recovers(event));
+    forwardEvents(this.player, this, (event) => {
+      if (!isReported || event.type !== "ratechange") return this.recovers(event);
+      isReported = false;
+      return true;
+    });
     this.applySize();
     if (loads) this.reload();
     return this.player;

@@ -22,7 +22,7 @@ interface ExactView extends View {
 export class DeferredRenderer implements Renderer {
   onError: (error: Error) => void = (error) => console.error(error);
   private target: Renderer | null = null;
-  private failure: Error | null = null;
+  failure: Error | null = null;
   private readonly destroyed = new AbortController();
   private info: SceneInfo | null = null;
   private readonly segments = new Map<number, PackedSegment>(); // until the renderer is ready
@@ -49,7 +49,7 @@ export class DeferredRenderer implements Renderer {
   }
 
   get statistics(): RendererStatistics {
-    return this.target?.statistics ?? { primitives: 0, visible: 0, sortMs: 0, frames: 0 };
+    return this.target?.statistics ?? { primitives: 0, visible: 0, sortMs: 0 };
   }
 
   setScene(info: SceneInfo): void {
@@ -62,7 +62,12 @@ export class DeferredRenderer implements Renderer {
       this.target = null;
       this.start();
     }
-    this.target?.setScene(info);
+    try {
+      this.target?.setScene(info);
+    } catch (error) {
+      this.fail(error); // so that the next scene has another renderer
+      throw error;
+    }
   }
 
   addSegment(segment: PackedSegment): void {

@@ -60,7 +60,7 @@ export class FrameLoop {
   private isDestroyed = false;
   private last: { camera: Camera; ticks: number } | null = null;
   private readonly rate = new FrameRate();
-  private drawn = 0; // frames
+  private drawn = 0; // frames, by renderers that do not count them
 
   constructor(
     private readonly canvas: HTMLCanvasElement,
@@ -145,7 +145,7 @@ export class FrameLoop {
 
   /** Counts a frame that was drawn. */
   countFrame(): void {
-    ++this.drawn;
+    if (this.renderer.statistics.frames === undefined) ++this.drawn;
     this.rate.add(this.host.now(), this.completed);
   }
 

@@ -176,16 +176,19 @@ export class StgsPlayer extends ScenePlayer {
   /**
    * Shows the scene in a headset. Call it in a handler of a click or a key. Resolves when the
    * session begins. Rejects with a `NotSupportedError` if the browser, the device or the renderer
-   * cannot, with an `InvalidStateError` before `loadedmetadata`, while the renderer is being loaded or during
-   * a session, with an `AbortError` if `load`, `unload`, `exitXR` or `destroy` comes first, and with the error
-   * of the browser if the user declines.
+   * cannot, with an `InvalidStateError` before `loadedmetadata`, while the renderer is being loaded or while a
+   * session is active or requested, with an `AbortError` if `load`, `unload`, `exitXR` or `destroy` comes first,
+   * and otherwise with the error of the browser if the user declines.
    */
   enterXR(mode: XrMode = "immersive-vr", options: XrOptions = {}): Promise<void> {
     if (this.isDestroyed) return Promise.reject(abortError("the player is destroyed"));
     return this.xr.enter(mode, options);
   }
 
-  /** Ends the session, if there is one. Resolves when it has ended. */
+  /**
+   * Ends the session, also a requested one. Resolves once there is none: while the browser asks the user, after the
+   * answer.
+   */
   exitXR(): Promise<void> {
     return this.xr.exit();
   }

@@ -26,7 +26,7 @@ class WebGpuRenderer implements Renderer {
   onError: (error: Error) => void = (error) => console.error(error);
   private readonly background: Background | null;
   private sceneBackground: Background = [0, 0, 0, 1];
-  private failure: Error | null = null; // final
+  failure: Error | null = null; // final
   private isDestroyed = false;
   private inFlight = 0; // frames
   private finished = 0; // frames
@@ -179,8 +179,7 @@ async function compile(
  * of each frame, whole pixels. Rejects with an Error if WebGPU is not available; the canvas then has
  * no context, unless it was refused for having one of another kind.
  *
- * After a failure, such as the loss of
- * the device, `onError` is called once, and render() throws.
+ * After a failure, such as the loss of the device, `onError` is called once, and render() throws.
  */
 export async function createWebGpuRenderer(
   canvas: HTMLCanvasElement, options: WebGpuOptions = {},

@@ -5,7 +5,7 @@ import { FrameClient } from "../player/frame_loop";
 import { Renderer, RenderView, SceneInfo, ViewRenderer } from "../types";
 import { cameraOfMatrices, product } from "../webgl2/camera";
 import { roomFromScene } from "./placement";
-import { createLayer, makeCompatible, XrFrame, XrLayer, XrSession, xrSystem } from "./webxr";
+import { createLayer, endSession, makeCompatible, XrFrame, XrLayer, XrSession, XrSystem, xrSystem } from "./webxr";
 
 /** What the headset shows: the scene alone, or the room behind it as well. */
 export type XrMode = "immersive-vr" | "immersive-ar";
@@ -36,10 +36,17 @@ interface Presentation {
   isClear: boolean; // the surroundings show behind the splats
 }
 
+/** A session that has not begun yet. */
+interface Start {
+  abort: AbortController;
+  /** Resolves once the session has begun, or there is none. */
+  done: Promise<void>;
+}
+
 /** Runs at most one session at a time. */
 export class XrPresenter {
   private session: XrSession | null = null;
-  private starting: AbortController | null = null; // of a session that the browser has not begun yet
+  private starting: Start | null = null; // of a session that has not begun yet
   private isDestroyed = false;
 
   constructor(private readonly renderer: Renderer, private readonly client: XrClient) {}
@@ -50,7 +57,7 @@ export class XrPresenter {
 
   async supports(mode: XrMode): Promise<boolean> {
     await this.renderer.whenReady;
-    if (this.renderer.views === null) return false;
+    if (this.renderer.views === null || this.renderer.failure) return false;
     try {
       return (await xrSystem()?.isSessionSupported(mode)) ?? false;
     } catch {
@@ -60,7 +67,7 @@ export class XrPresenter {
 
   /** Begins a session; `StgsPlayer.enterXR` states when it rejects. */
   async enter(mode: XrMode, options: XrOptions): Promise<void> {
-    const { views, name } = this.renderer;
+    const { views, name, failure } = this.renderer;
     const system = xrSystem();
     const info = this.client.info();
     if (system === null) {
@@ -68,31 +75,51 @@ export class XrPresenter {
     }
     const busy = this.session !== null || this.starting !== null;
     if (info === null || busy) {
-      const message = busy ? "a session is active already; call exitXR first"
+      const message = busy ? "a session is active or requested already; await exitXR first"
                            : "no scene is open; wait for loadedmetadata";
       throw new DOMException(message, "InvalidStateError");
     }
+    if (failure) throw unsupported(`the renderer failed: ${failure.message}`);
     if (name === null) throw new DOMException("the renderer is being loaded; await supportsXR first", "InvalidStateError");
     if (views === null) throw unsupported("WebXR needs the WebGL2 renderer; choose renderer \"webgl2\"");
-    const { signal } = (this.starting = new AbortController());
+    const abort = new AbortController();
+    const started = this.start(system, mode, views, info, options, abort.signal);
+    this.starting = { abort, done: started.catch(() => undefined) };
     try {
-      // The first call, since it is allowed only during the handling of input.
-      const session = await system.requestSession(mode, { optionalFeatures: ["local-floor"] });
-      await this.present(session, views, info, mode === "immersive-ar", options, signal);
+      await started;
     } finally {
       this.starting = null;
     }
   }
 
-  /** Ends the session, also one that the browser has not begun yet. Resolves once there is none. */
+  /**
+   * Ends the session, also one that the browser has not begun yet. Resolves once there is none; while the browser asks
+   * the user, after the answer.
+   */
   async exit(): Promise<void> {
-    this.starting?.abort();
-    await this.session?.end().catch(() => undefined); // it has ended meanwhile
+    if (this.starting !== null) {
+      this.starting.abort.abort();
+      await this.starting.done;
+    }
+    if (this.session !== null) await endSession(this.session);
   }
 
   destroy(): void {
     this.isDestroyed = true;
     this.exit();
+  }
+
+  /** Requests a session and begins it. Rejects with an `AbortError` after an abort. */
+  private async start(
+    system: XrSystem, mode: XrMode, renderer: ViewRenderer, info: SceneInfo, options: XrOptions, signal: AbortSignal,
+  ): Promise<void> {
+    try {
+      // The first call, since it is allowed only during the handling of input.
+      const session = await system.requestSession(mode, { optionalFeatures: ["local-floor"] });
+      await this.present(session, renderer, info, mode === "immersive-ar", options, signal);
+    } catch (error) {
+      throw signal.aborted ? abortError("the session was ended before it began") : error;
+    }
   }
 
   private async present(
@@ -101,16 +128,20 @@ export class XrPresenter {
   ): Promise<void> {
     let hasEnded = false;
     session.addEventListener("end", () => (hasEnded = true), { once: true });
+    const check = () => {
+      if (hasEnded || signal.aborted) throw abortError("the session has ended");
+    };
     try {
+      check();
       await makeCompatible(renderer.context);
       const { space, isOnFloor } = await referenceSpace(session);
-      if (hasEnded || signal.aborted) throw abortError("the session has ended");
+      check();
       const layer = createLayer(session, renderer.context);
       session.updateRenderState({ baseLayer: layer });
       const room = roomFromScene(info, { metresPerUnit, isOnFloor });
       this.begin({ session, layer, space, room, isClear }, renderer);
     } catch (error) {
-      if (!hasEnded) session.end().catch(() => undefined);
+      if (!hasEnded) await endSession(session);
       throw error;
     }
   }

@@ -43,6 +43,14 @@ export function xrSystem(): XrSystem | null {
   return (navigator as { xr?: XrSystem }).xr ?? null;
 }
 
+/** Ends a session that has not dispatched `end`. Resolves once it has, also if it was ending already. */
+export function endSession(session: XrSession): Promise<void> {
+  return new Promise((resolve) => {
+    session.addEventListener("end", () => resolve(), { once: true });
+    session.end().catch(() => undefined); // it is ending already
+  });
+}
+
 /** Creates the layer of a session on a context that is compatible with its device. */
 export function createLayer(session: XrSession, context: WebGL2RenderingContext): XrLayer {
   const { XRWebGLLayer: Layer } = globalThis as unknown as {
