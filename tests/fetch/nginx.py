@@ -41,7 +41,8 @@ class Nginx:
         config = f"""
             worker_processes 1; daemon off; pid {self.pid}; error_log {self.log};
             events {{}}
-            http {{ types {{ text/html html; text/javascript js; application/wasm wasm; }}
+            http {{ types {{ text/html html; text/javascript js; application/wasm wasm;
+              image/svg+xml svg; }}
               access_log off; client_body_temp_path {folder}/1; proxy_temp_path {folder}/2;
               fastcgi_temp_path {folder}/3; uwsgi_temp_path {folder}/4;
               scgi_temp_path {folder}/5;

@@ -4,7 +4,7 @@
 without a warning and reaches every page, every declaration of the public headers and every name of the
 package for browsers.
 
-usage: test_site.py SOURCE DOXYGEN DOXYFILE    DOXYGEN is empty if it is not installed
+usage: test_site.py SOURCE CMAKE    CMAKE is empty if Doxygen is not installed
 """
 import glob
 import html.parser
@@ -17,7 +17,7 @@ import tempfile
 import unittest
 import urllib.parse
 
-SOURCE, DOXYGEN, DOXYFILE = sys.argv[1:4]
+SOURCE, CMAKE = sys.argv[1:3]
 sys.path.append(os.path.join(SOURCE, "sdk/docs/site"))
 import page as site_page  # noqa: E402
 
@@ -74,16 +74,31 @@ class Page(html.parser.HTMLParser):
                 self.anchors.add(value)
 
 
-@unittest.skipUnless(DOXYGEN, "needs Doxygen")
+PROJECT = f"""cmake_minimum_required(VERSION 3.25)
+project(stgs VERSION 1.0.0 LANGUAGES NONE)
+set(PROJECT_SOURCE_DIR "{SOURCE}")
+add_subdirectory("{SOURCE}/sdk/docs" docs)
+"""
+CAN_MAKE_REFERENCE = shutil.which("node") and shutil.which("tsc")
+
+
+def build(case, target, *options):
+    """Builds a target of sdk/docs alone. Returns the build folder of sdk/docs and the result."""
+    folder = tempfile.mkdtemp()
+    case.addClassCleanup(shutil.rmtree, folder)
+    with open(os.path.join(folder, "CMakeLists.txt"), "w", encoding="utf-8") as file:
+        file.write(PROJECT)
+    subprocess.run([CMAKE, "-G", "Ninja", "-S", folder, "-B", folder, *options], capture_output=True, check=True)
+    built = subprocess.run([CMAKE, "--build", folder, "--target", target], capture_output=True, text=True, check=False)
+    return os.path.join(folder, "docs"), built
+
+
+@unittest.skipUnless(CMAKE, "needs Doxygen")
 class Site(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        output = tempfile.mkdtemp()
-        cls.addClassCleanup(shutil.rmtree, output)
+        output, cls.built = build(cls, "docs")
         cls.folder = os.path.join(output, "html")
-        settings = read(DOXYFILE) + f"OUTPUT_DIRECTORY = {output}\n"
-        cls.built = subprocess.run([DOXYGEN, "-"], input=settings, capture_output=True, text=True,
-                                   check=False)
         # Doxygen's lists of all members are not installed, so no page may link to them.
         for path in glob.glob(os.path.join(cls.folder, "*-members.html")):
             os.remove(path)
@@ -93,6 +108,25 @@ class Site(unittest.TestCase):
 
     def test_it_is_built_without_a_warning(self):
         self.assertEqual((self.built.returncode, self.built.stderr), (0, ""))
+        progress = re.compile(r"^\[\d+/\d+\] ")
+        self.assertEqual([line for line in self.built.stdout.splitlines() if not progress.match(line)], [])
+
+    @unittest.skipUnless(CAN_MAKE_REFERENCE, "needs node and tsc")
+    def test_it_contains_the_reference_of_the_package(self):
+        self.assertIn("js-ScenePlayer-currentTime", self.parsed["library_javascript.html"].anchors)
+
+    def test_it_states_that_the_reference_is_missing(self):
+        output, built = build(type(self), "docs/javascript.html", "-DSTGS_TSC=OFF")
+        self.assertEqual(built.returncode, 0)
+        self.assertIn("built without <code>node</code> and <code>tsc</code>", read(output, "javascript.html"))
+
+    @unittest.skipUnless(CAN_MAKE_REFERENCE, "needs node and tsc")
+    def test_it_is_not_built_if_the_reference_fails(self):
+        with tempfile.NamedTemporaryFile() as shim:
+            output, built = build(type(self), "docs", f"-DSTGS_TSC={shim.name}")
+        self.assertNotEqual(built.returncode, 0)
+        self.assertIn(f"javascript.mjs: {shim.name} is not in a package of TypeScript", built.stdout)
+        self.assertFalse(os.path.exists(os.path.join(output, "html", "index.html")))
 
     def test_links_resolve(self):
         self.assertGreater(len(self.pages), 80)
@@ -134,7 +168,7 @@ class Site(unittest.TestCase):
         self.assertIn("start_view", shown["classstgs_1_1hpp_1_1Scene.html"])
 
 
-@unittest.skipUnless(shutil.which("node") and shutil.which("tsc"), "needs node and tsc")
+@unittest.skipUnless(CAN_MAKE_REFERENCE, "needs node and tsc")
 class JavaScript(unittest.TestCase):
     """The reference of the package for browsers, which the site contains."""
 
@@ -163,6 +197,9 @@ class JavaScript(unittest.TestCase):
                 file.write("/** See `Box.size`, `Box.none` and `Other.none`. */\nexport function open(): Box { return { size: 1 }; }\n"
                            "export interface Box { size: number; }\n")
             made = self.make(folder)
+            output = os.path.join(folder, "page.html")
+            self.assertEqual(self.make(folder, output).returncode, 1)
+            self.assertFalse(os.path.exists(output))
         self.assertEqual(made.returncode, 1)
         self.assertEqual(made.stderr, "javascript.mjs: Box has no comment\njavascript.mjs: the comment of open refers to"
                                       " Box.none, which is not in the reference\n")
@@ -170,4 +207,4 @@ class JavaScript(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    unittest.main(argv=["test_site.py", *sys.argv[4:]])
+    unittest.main(argv=["test_site.py", *sys.argv[3:]])

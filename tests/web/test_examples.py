@@ -1,8 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""The example pages and those of the guide show a scene. See package_case.py for the usage."""
+"""The example pages show a scene. See package_case.py for the usage."""
 import os
-import re
 
 from package_case import HERE, PackageCase, run
 from page_server import WEBGPU_FLAGS
@@ -43,18 +42,9 @@ class Examples(PackageCase):
         self.capture("example_" + name)
 
     def test_example_pages(self):
-        for name in sorted(os.listdir(EXAMPLES)):
+        for name in sorted(name for name in os.listdir(EXAMPLES) if name.endswith(".html")):
             with self.subTest(name), open(os.path.join(EXAMPLES, name), encoding="utf-8") as file:
                 self.show(name, file.read())
-
-    def test_pages_of_the_guide(self):
-        with open(GUIDE, encoding="utf-8") as file:
-            pages = re.findall(r"```html\n(<!DOCTYPE.*?)```", file.read(), re.DOTALL)
-        pages = [page for page in pages if "node_modules/" not in page]  # shown by test_npm.py
-        self.assertEqual(len(pages), 3)
-        for number, page in enumerate(pages):
-            with self.subTest(page=page):
-                self.show(f"guide_{number}", page)
 
     def test_the_buttons_of_the_example_enter(self):
         with open(os.path.join(EXAMPLES, "webxr.html"), encoding="utf-8") as file:

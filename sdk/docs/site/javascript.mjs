@@ -1,15 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
-// Prints the reference of the package for browsers, from the types and comments of its TypeScript, as HTML
-// for the page sdk/docs/javascript.md. Exit code 1: an exported name has no comment, or a comment refers
-// to a member that is not on the page; stderr names them.
-// usage: node javascript.mjs TSC [FOLDER]     TSC: the program tsc. FOLDER: default sdk/web/src
-import { realpathSync } from "node:fs";
+// Writes the reference of the package for browsers, from the types and comments of its TypeScript, as HTML
+// for the page sdk/docs/javascript.md. Exit code 1: TSC is not the program of TypeScript, an exported name
+// has no comment, or a comment refers to a member that is not on the page; stderr names them.
+// usage: node javascript.mjs TSC [FOLDER [FILE]]
+// TSC: the program tsc. FOLDER: default sdk/web/src. FILE: default stdout; not written with exit code 1
+import { existsSync, realpathSync, writeFileSync } from "node:fs";
 import { createRequire } from "node:module";
 import { dirname, join, resolve } from "node:path";
 import { fileURLToPath } from "node:url";
 
-const [tsc, folder = join(dirname(fileURLToPath(import.meta.url)), "../../web/src")] = process.argv.slice(2);
-const ts = createRequire(realpathSync(tsc))("../lib/typescript.js");
+const [tsc, folder = join(dirname(fileURLToPath(import.meta.url)), "../../web/src"), output] = process.argv.slice(2);
+const library = join(dirname(realpathSync(tsc)), "../lib/typescript.js");
+if (!existsSync(library)) {
+  console.error(`javascript.mjs: ${tsc} is not in a package of TypeScript (${library} is missing); set STGS_TSC to bin/tsc of one`);
+  process.exit(1);
+}
+const ts = createRequire(import.meta.url)(library);
 const root = resolve(folder);
 /** Sections: title, module, and the names to list if not those that it exports. */
 const SECTIONS = [["<stgs-player>", "element/stgs_player", ["StgsPlayerElement"]], ["stgs", "index"],
@@ -197,7 +203,9 @@ sections.push(["Types that are not exported", others]);
 findMembers();
 const problems = [...exported].filter((symbol) => commentOf(symbol) === "").map(({ name }) => `${name} has no comment`);
 dangling.clear();
-console.log(page());
+const html = page() + "\n";
 problems.push(...dangling);
 for (const problem of problems) console.error(`javascript.mjs: ${problem}`);
 process.exitCode = problems.length > 0 ? 1 : 0;
+if (output === undefined) process.stdout.write(html);
+else if (problems.length === 0) writeFileSync(output, html);

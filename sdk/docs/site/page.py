@@ -6,15 +6,12 @@ usage: page.py FILE
 
 Pages and headings get labels, links between pages become references to these labels, and links to
 files that are not part of the site become the paths of those files. Paths of pages and names of the C
-interface, as code, become links. javascript.mjs adds the reference to the page on JavaScript, if node and
-tsc are installed.
+interface, as code, become links. The page on JavaScript includes the reference, the file javascript.html.
 """
 import functools
 import glob
 import os
 import re
-import shutil
-import subprocess
 import sys
 
 ROOT = os.path.normpath(os.path.join(os.path.dirname(os.path.abspath(__file__)), "../../.."))
@@ -134,22 +131,12 @@ def convert(text, path):
     return "\n".join(lines) + "\n"
 
 
-def javascript_reference():
-    """The reference of the package for browsers; empty without the programs that make it."""
-    node, tsc = shutil.which("node"), shutil.which("tsc")
-    if node is None or tsc is None:
-        return ""
-    made = subprocess.run([node, f"{ROOT}/sdk/docs/site/javascript.mjs", tsc], stdout=subprocess.PIPE,
-                          text=True, check=False)
-    return f"\n@htmlonly\n{made.stdout}@endhtmlonly\n"
-
-
 def main():
     path = os.path.relpath(os.path.abspath(sys.argv[1]), ROOT).replace(os.sep, "/")
     with open(sys.argv[1], encoding="utf-8") as file:
         sys.stdout.write(convert(file.read(), path))
     if path == JAVASCRIPT:
-        sys.stdout.write(javascript_reference())
+        sys.stdout.write("\n@htmlinclude javascript.html\n")
 
 
 if __name__ == "__main__":
