@@ -11,7 +11,7 @@ import unittest
 import harness
 from harness import CliTest, built_in
 
-NOT_BUILT = 6
+INVALID, NOT_BUILT = 3, 6
 
 
 def rotation_vector(r):
@@ -110,6 +110,20 @@ class Calibrations(CliTest):
                 found = self.prepare(name, name + " prepared")
                 self.check_same(expected, found)
                 self.assertEqual(found["metric"], name == "qualisys")
+
+    def test_mistakes_are_named(self):
+        cameras = self.prepare(harness.sample(), "prepared")["cameras"]
+        keys = ("fx", "fy", "cx", "cy")
+        half = [{**camera, **{key: camera[key] / 2 for key in keys}} for camera in cameras]
+        one = [dict(camera) for camera in cameras]
+        one[3]["translation"] = [1000 * value for value in one[3]["translation"]]
+        for name, given, message in (
+                ("half", half, "^stgs: error: half: .*the intrinsics are those of images of half the size"),
+                ("mm", one, f"^stgs: error: mm: camera '{one[3]['name']}' disagrees .* its position is in mm")):
+            with self.subTest(name):
+                self.write_capture(name, opencv(given))
+                self.fails(INVALID, message, "prepare", name, "-o", "out", "--frames", "0:2", "--no-split")
+                self.assertFalse(os.path.exists(self.path("out")))
 
     @unittest.skipIf(built_in("calibration"), "this build reads all forms")
     def test_a_form_that_is_not_built_in_is_named(self):

@@ -8,6 +8,7 @@
 #include <future>
 
 #include "init/bounds.h"
+#include "init/calibration_check.h"
 #include "init/colmap_points.h"
 #include "init/dynamic_points.h"
 #include "init/motion.h"
@@ -33,6 +34,7 @@ struct State {
   const InitSettings& settings;
   Work work;
   std::vector<View> views{};
+  CalibrationCheck calibration{};
   std::vector<ViewMotion> motion{};
   StaticScene scene{};
   std::vector<DynamicFrame> frames{};
@@ -335,6 +337,7 @@ ReportFacts facts_of(const State& state) {
                                     double(state.dynamic_points.size()) / state.capture.frames));
   add("removed points", fmt::format("{}, in front of the near plane", state.too_near));
   add("velocities from", state.velocity_kind);
+  add("calibration", text_of(state.calibration, state.views));
   add("depth range",
       fmt::format("{:.3g} to {:.3g}{}", state.scene.range.nearest, state.scene.range.farthest,
                   state.scene.range.measured ? "" : " (estimated)"));
@@ -348,8 +351,10 @@ Status run(State& state) {
   state.views = training_views(state.capture, kMotionMaxSide);
   if (state.views.empty()) {
     return usage_error("{}: every camera is held out; leave some for training (--test-cameras)",
-                       state.capture.folder);
+                       state.settings.name);
   }
+  STGS_ASSIGN(state.calibration,
+              check_cameras(state.capture, state.views, state.settings.name, state.work));
   STGS_TRY(find_all_motion(state));
   start_features(state);
   STGS_TRY(find_static(state));

@@ -15,6 +15,7 @@
 namespace stgs::encoder {
 
 struct InitSettings {
+  std::string name;             // of the capture, in messages
   bool separate_motion = true;  // false: one static point cloud from the first frame
   int max_dynamic_points = 0;   // per frame; 0: derived from the image size
   int max_static_points = 0;    // 0: derived from the image size

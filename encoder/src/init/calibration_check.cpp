@@ -1,0 +1,335 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "init/calibration_check.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "plural.h"
+
+namespace stgs::encoder::init {
+namespace {
+
+constexpr double kGood = 3;          // pixels: a pair with at most this error agrees roughly
+constexpr double kPoor = 0.5;        // pixels: a pair with less is never an outlier
+constexpr double kPoorRatio = 4;     // of the error of a pair and that of the better pairs
+constexpr double kBadShare = 0.3;    // of the pairs agree roughly: the calibration does not fit
+constexpr double kFixedShare = 0.7;  // of the pairs agree roughly: a mistake is corrected
+constexpr double kInFrontShare = 0.7;
+constexpr double kMinAngle = 0.005;  // between the rays of a match, radians: its depth is known
+
+double median_of(std::vector<double> values) {
+  if (values.empty()) return 0;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+View with_pose(View view, const cv::Matx33d& rotation, const cv::Vec3d& translation) {
+  view.rotation = rotation;
+  view.translation = translation;
+  view.centre = -(rotation.t() * translation);
+  return view;
+}
+
+View inverted(const View& v) {
+  return with_pose(v, v.rotation.t(), -(v.rotation.t() * v.translation));
+}
+View flipped(const View& v) {
+  const cv::Matx33d flip(1, 0, 0, 0, -1, 0, 0, 0, -1);
+  return with_pose(v, flip * v.rotation, flip * v.translation);
+}
+View flipped_and_inverted(const View& v) {
+  return flipped(inverted(v));
+}
+View inverted_and_flipped(const View& v) {
+  return inverted(flipped(v));
+}
+View transposed(const View& v) {
+  return with_pose(v, v.rotation.t(), v.translation);
+}
+View with_scale(View v, double scale) {
+  v.fx *= scale, v.fy *= scale, v.cx *= scale, v.cy *= scale;
+  return v;
+}
+View doubled(const View& v) {
+  return with_scale(v, 2);
+}
+View halved(const View& v) {
+  return with_scale(v, 0.5);
+}
+View with_distance(const View& v, double scale) {
+  return with_pose(v, v.rotation, scale * v.translation);
+}
+View from_mm(const View& v) {
+  return with_distance(v, 0.001);
+}
+View to_mm(const View& v) {
+  return with_distance(v, 1000);
+}
+View from_cm(const View& v) {
+  return with_distance(v, 0.01);
+}
+View to_cm(const View& v) {
+  return with_distance(v, 100);
+}
+
+// A mistake, and the view without it.
+struct Mistake {
+  const char* text;
+  View (*corrected)(const View&);
+};
+
+constexpr Mistake kMistakes[] = {
+    {"the poses are camera-to-world and were read as world-to-camera, or the reverse", inverted},
+    {"the axes of the cameras are OpenGL's (y up, z backwards) and were read as OpenCV's, or the "
+     "reverse",
+     flipped},
+    {"the poses are camera-to-world with OpenGL's axes (y up, z backwards)", flipped_and_inverted},
+    {"the poses are camera-to-world and their axes OpenGL's (y up, z backwards)",
+     inverted_and_flipped},
+    {"the rotations are transposed", transposed},
+    {"the intrinsics are those of images of half the size", doubled},
+    {"the intrinsics are those of images of twice the size", halved},
+};
+// Of a single camera among others.
+constexpr Mistake kUnits[] = {
+    {"its position is in mm and those of the others in m", from_mm},
+    {"its position is in m and those of the others in mm", to_mm},
+    {"its position is in cm and those of the others in m", from_cm},
+    {"its position is in m and those of the others in cm", to_cm},
+};
+
+cv::Matx33d fundamental(const View& a, const View& b) {
+  const cv::Matx33d rotation = b.rotation * a.rotation.t();
+  cv::Vec3d t = b.translation - rotation * a.translation;
+  t /= std::max(cv::norm(t), 1e-300);
+  const cv::Matx33d cross(0, -t[2], t[1], t[2], 0, -t[0], -t[1], t[0], 0);
+  const auto inverse = [](const View& v) {
+    return cv::Matx33d(1 / v.fx, 0, -v.cx / v.fx, 0, 1 / v.fy, -v.cy / v.fy, 0, 0, 1);
+  };
+  return inverse(b).t() * cross * rotation * inverse(a);
+}
+
+// Returns the distance of a match from its epipolar lines (Sampson), pixels.
+double distance_of(const cv::Matx33d& f, const cv::Point2d& p, const cv::Point2d& q) {
+  const cv::Vec3d x(p.x, p.y, 1), y(q.x, q.y, 1);
+  const cv::Vec3d line = f * x, other = f.t() * y;
+  const double square =
+      line[0] * line[0] + line[1] * line[1] + other[0] * other[0] + other[1] * other[1];
+  return std::abs(y.dot(line)) / std::sqrt(std::max(square, 1e-300));
+}
+
+// Returns whether most matches with a known depth are in front of both cameras.
+bool is_in_front(const View& a, const View& b, const PairMatches& pair) {
+  int known = 0, in_front = 0;
+  const cv::Vec3d base = b.centre - a.centre;
+  for (std::size_t i = 0; i < pair.in_a.size(); ++i) {
+    const cv::Vec3d u = cv::normalize(a.ray(pair.in_a[i].x, pair.in_a[i].y));
+    const cv::Vec3d v = cv::normalize(b.ray(pair.in_b[i].x, pair.in_b[i].y));
+    const double cosine = u.dot(v), square = 1 - cosine * cosine;
+    if (square < kMinAngle * kMinAngle) continue;
+    // The points of both rays that are nearest to each other.
+    const double along_a = (base.dot(u) - cosine * base.dot(v)) / square;
+    const double along_b = (cosine * base.dot(u) - base.dot(v)) / square;
+    ++known;
+    in_front += along_a > 0 && along_b > 0 ? 1 : 0;
+  }
+  return in_front >= kInFrontShare * known;
+}
+
+// How the matches of a pair agree with its calibration.
+struct Agreement {
+  double error = 0;  // median distance from the epipolar lines, pixels
+  bool is_in_front = true;
+  bool is_good() const { return is_in_front && error <= kGood; }
+};
+
+Agreement agreement_of(const View& a, const View& b, const PairMatches& pair) {
+  const cv::Matx33d f = fundamental(a, b);
+  std::vector<double> distances;
+  for (std::size_t i = 0; i < pair.in_a.size(); ++i)
+    distances.push_back(distance_of(f, pair.in_a[i], pair.in_b[i]));
+  return {median_of(std::move(distances)), is_in_front(a, b, pair)};
+}
+
+using Pairs = std::vector<PairMatches>;
+
+std::vector<Agreement> agreements_of(const std::vector<View>& views, const Pairs& pairs) {
+  std::vector<Agreement> out;
+  for (const PairMatches& pair : pairs)
+    out.push_back(agreement_of(views[pair.a], views[pair.b], pair));
+  return out;
+}
+
+double median_error(const std::vector<Agreement>& agreements) {
+  std::vector<double> errors;
+  for (const Agreement& one : agreements) errors.push_back(one.error);
+  return median_of(std::move(errors));
+}
+
+double share_of_good(const std::vector<Agreement>& agreements) {
+  const auto good = std::count_if(agreements.begin(), agreements.end(),
+                                  [](const Agreement& one) { return one.is_good(); });
+  return static_cast<double>(good) /
+         static_cast<double>(std::max<std::size_t>(agreements.size(), 1));
+}
+
+// Looks for a mistake of all cameras.
+void find_common_mistake(const std::vector<View>& views, const Pairs& pairs,
+                         CalibrationCheck* out) {
+  double best = kFixedShare;
+  for (const Mistake& mistake : kMistakes) {
+    std::vector<View> corrected;
+    for (const View& view : views) corrected.push_back(mistake.corrected(view));
+    const std::vector<Agreement> found = agreements_of(corrected, pairs);
+    if (share_of_good(found) <= best) continue;
+    best = share_of_good(found);
+    out->cause = mistake.text;
+    out->corrected = median_error(found);
+  }
+}
+
+// The pairs of a view with views that are no outliers.
+struct Partners {
+  double all = 0, poor = 0;
+  // A view with one pair alone may be right.
+  double poor_share() const { return all < 2 ? 0 : poor / all; }
+};
+
+// Returns the views that disagree with most of the others: the worst first, then those that
+// disagree with the rest.
+std::vector<int> find_outliers(std::size_t views, const Pairs& pairs,
+                               const std::vector<Agreement>& agreements) {
+  std::vector<double> errors;
+  for (const Agreement& one : agreements) errors.push_back(one.error);
+  const auto quarter = errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 4);
+  std::nth_element(errors.begin(), quarter, errors.end());
+  const double limit = std::max(kPoor, kPoorRatio * *quarter);
+  std::vector<bool> is_outlier(views, false);
+  std::vector<int> out;
+  for (;;) {
+    std::vector<Partners> partners(views);
+    for (std::size_t i = 0; i < pairs.size(); ++i) {
+      if (is_outlier[pairs[i].a] || is_outlier[pairs[i].b]) continue;
+      const bool poor = agreements[i].error > limit || !agreements[i].is_in_front;
+      for (const int v : {pairs[i].a, pairs[i].b}) {
+        partners[v].all += 1;
+        partners[v].poor += poor ? 1 : 0;
+      }
+    }
+    const auto worst =
+        std::max_element(partners.begin(), partners.end(), [](const auto& a, const auto& b) {
+          return std::pair(a.poor_share(), a.poor) < std::pair(b.poor_share(), b.poor);
+        });
+    if (worst == partners.end() || worst->poor_share() <= 0.5) return out;
+    out.push_back(static_cast<int>(worst - partners.begin()));
+    is_outlier[out.back()] = true;
+  }
+}
+
+bool contains(const std::vector<int>& views, int view) {
+  return std::find(views.begin(), views.end(), view) != views.end();
+}
+
+// Describes an outlier by its pairs with other views.
+Outlier describe(const std::vector<View>& views, const Pairs& pairs,
+                 const std::vector<int>& outliers, int view) {
+  Pairs own;
+  for (const PairMatches& pair : pairs) {
+    const int other = pair.a == view ? pair.b : pair.a;
+    if ((pair.a == view || pair.b == view) && !contains(outliers, other)) own.push_back(pair);
+  }
+  const std::vector<Agreement> given = agreements_of(views, own);
+  Outlier out;
+  out.view = view;
+  out.error = median_error(given);
+  if (share_of_good(given) > kBadShare) return out;
+  double best = kFixedShare;
+  std::vector<View> corrected = views;
+  const auto consider = [&](const Mistake& mistake) {
+    corrected[view] = mistake.corrected(views[view]);
+    const double share = share_of_good(agreements_of(corrected, own));
+    if (share <= best) return;
+    best = share;
+    out.cause = mistake.text;
+  };
+  for (const Mistake& mistake : kMistakes) consider(mistake);
+  for (const Mistake& mistake : kUnits) consider(mistake);
+  return out;
+}
+
+}  // namespace
+
+CalibrationCheck check_calibration(const std::vector<View>& views, const Pairs& pairs) {
+  CalibrationCheck out;
+  out.pairs = pairs.size();
+  if (out.pairs < kMinPairs) return out;
+  const std::vector<Agreement> agreements = agreements_of(views, pairs);
+  out.error = median_error(agreements);
+  out.fits = share_of_good(agreements) > kBadShare;
+  if (!out.fits) {
+    find_common_mistake(views, pairs, &out);
+    return out;
+  }
+  const std::vector<int> outliers = find_outliers(views.size(), pairs, agreements);
+  std::vector<Agreement> others;
+  for (std::size_t i = 0; i < pairs.size(); ++i) {
+    if (!contains(outliers, pairs[i].a) && !contains(outliers, pairs[i].b))
+      others.push_back(agreements[i]);
+  }
+  out.error = median_error(others);
+  for (const int view : outliers) out.outliers.push_back(describe(views, pairs, outliers, view));
+  return out;
+}
+
+std::string text_of(const CalibrationCheck& check, const std::vector<View>& views) {
+  if (check.pairs < kMinPairs) return "not checked: too few cameras have matches";
+  std::string out = fmt::format("{}matches are {:.2g} pixels from their epipolar lines",
+                                check.fits ? "" : "does not fit the images: ", check.error);
+  for (const Outlier& outlier : check.outliers)
+    out += fmt::format("; {}: {:.3g}", views[outlier.view].camera->name, outlier.error);
+  return out;
+}
+
+Result<CalibrationCheck> check_cameras(const PreparedCapture& capture,
+                                       const std::vector<View>& views, const std::string& name,
+                                       Work& work) {
+  if (views.size() < 2) return CalibrationCheck();
+  work.stage("calibration", 2);
+  std::vector<PairMatches> pairs;
+  STGS_TRY(find_matches(capture, views, work, &pairs));
+  CalibrationCheck check = check_calibration(views, pairs);
+  if (check.pairs < kMinPairs) {
+    work.log(fmt::format("calibration: not checked: {} of cameras have matches (expected {})",
+                         plural(check.pairs, "pair"), kMinPairs),
+             1);
+    return check;
+  }
+  if (!check.fits) {
+    const std::string text = fmt::format(
+        "the calibration does not fit the images: matches between cameras are {:.3g} pixels from "
+        "their epipolar lines, or behind the cameras",
+        check.error);
+    if (check.cause.empty()) {
+      work.log("calibration: " + text + "; check all cameras", 1);
+      return check;
+    }
+    return invalid_file("{}: {}. Likely, {}; without this mistake, the distance is {:.2g} pixels",
+                        name, text, check.cause, check.corrected);
+  }
+  for (const Outlier& outlier : check.outliers) {
+    const std::string text = fmt::format(
+        "camera '{}' disagrees with the others: its matches are {:.3g} pixels from their epipolar "
+        "lines, those of the others {:.2g}",
+        views[outlier.view].camera->name, outlier.error, check.error);
+    if (!outlier.cause.empty())
+      return invalid_file("{}: {}. Likely, {}", name, text, outlier.cause);
+    work.log("calibration: " + text + "; check its pose and its intrinsics, or leave it out", 1);
+  }
+  work.log(fmt::format(
+      "calibration: matches between {} of cameras are {:.2g} pixels from their epipolar lines",
+      plural(check.pairs, "pair"), check.error));
+  return check;
+}
+
+}  // namespace stgs::encoder::init

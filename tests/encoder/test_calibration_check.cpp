@@ -1,0 +1,178 @@
+// SPDX-License-Identifier: Apache-2.0
+// Disagreement between a calibration and matches, with the matches of random points in a ring of
+// cameras.
+#include <functional>
+#include <opencv2/calib3d.hpp>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "catch.h"
+#include "init/calibration_check.h"
+
+using namespace stgs::encoder;
+using namespace stgs::encoder::init;
+
+namespace {
+
+constexpr int kCameras = 10;
+constexpr double kNoise = 0.2;  // pixels
+
+View look(const cv::Vec3d& from, const cv::Vec3d& at) {
+  View view;
+  view.width = 640;
+  view.height = 480;
+  view.fx = view.fy = 500;
+  view.cx = 320;
+  view.cy = 240;
+  const cv::Vec3d z = cv::normalize(at - from);
+  const cv::Vec3d x = cv::normalize(cv::Vec3d(0, -1, 0.1).cross(z)), y = z.cross(x);
+  view.rotation = {x[0], x[1], x[2], y[0], y[1], y[2], z[0], z[1], z[2]};
+  view.centre = from;
+  view.translation = -(view.rotation * from);
+  return view;
+}
+
+// Cameras on an arc around the origin, at different heights.
+std::vector<View> ring() {
+  std::vector<View> out;
+  for (int i = 0; i < kCameras; ++i) {
+    const double angle = 0.35 * i;
+    out.push_back(look({4 * std::cos(angle), 0.3 * (i % 3), 4 * std::sin(angle)}, {0.1, 0, 0.2}));
+  }
+  return out;
+}
+
+// The matches of random points between cameras that are next to each other or at one remove.
+std::vector<PairMatches> matches_of(const std::vector<View>& views) {
+  std::mt19937 random(1);
+  std::uniform_real_distribution<double> uniform(-1, 1);
+  std::normal_distribution<double> noise(0, kNoise);
+  std::vector<PairMatches> out;
+  for (int a = 0; a < kCameras; ++a) {
+    for (int b = a + 1; b < std::min(a + 3, kCameras); ++b) {
+      PairMatches& pair = out.emplace_back();
+      pair.a = a;
+      pair.b = b;
+      while (pair.in_a.size() < 40) {
+        const cv::Vec3d point(uniform(random), uniform(random), uniform(random));
+        const Pixel p = project(views[a], point), q = project(views[b], point);
+        if (!p.inside || !q.inside) continue;
+        pair.in_a.emplace_back(p.u + noise(random), p.v + noise(random));
+        pair.in_b.emplace_back(q.u + noise(random), q.v + noise(random));
+      }
+    }
+  }
+  return out;
+}
+
+View moved(View view, const cv::Matx33d& rotation, const cv::Vec3d& translation) {
+  view.rotation = rotation;
+  view.translation = translation;
+  view.centre = -(rotation.t() * translation);
+  return view;
+}
+
+struct Case {
+  std::string text;  // a part of the cause
+  std::function<View(const View&)> mistake;
+};
+
+const cv::Matx33d kFlip(1, 0, 0, 0, -1, 0, 0, 0, -1);
+const std::vector<Case> kCases = {
+    {"camera-to-world and were read as world-to-camera",
+     [](const View& v) { return moved(v, v.rotation.t(), -(v.rotation.t() * v.translation)); }},
+    {"OpenGL's (y up, z backwards) and were read as OpenCV's",
+     [](const View& v) { return moved(v, kFlip * v.rotation, kFlip * v.translation); }},
+    {"rotations are transposed",
+     [](const View& v) { return moved(v, v.rotation.t(), v.translation); }},
+    {"images of half the size",
+     [](View v) {
+       v.fx *= 0.5, v.fy *= 0.5, v.cx *= 0.5, v.cy *= 0.5;
+       return v;
+     }},
+    {"images of twice the size",
+     [](View v) {
+       v.fx *= 2, v.fy *= 2, v.cx *= 2, v.cy *= 2;
+       return v;
+     }},
+};
+
+}  // namespace
+
+TEST_CASE("calibration check: a correct calibration fits", "[calibration_check]") {
+  const std::vector<View> views = ring();
+  const CalibrationCheck check = check_calibration(views, matches_of(views));
+  CHECK(check.fits);
+  CHECK(check.cause.empty());
+  CHECK(check.outliers.empty());
+  CHECK(check.error < 2 * kNoise);
+  CHECK(check.pairs == 17);
+}
+
+TEST_CASE("calibration check: mistakes of all cameras are named", "[calibration_check]") {
+  const std::vector<View> views = ring();
+  const std::vector<PairMatches> pairs = matches_of(views);
+  for (const Case& one : kCases) {
+    std::vector<View> given;
+    for (const View& view : views) given.push_back(one.mistake(view));
+    const CalibrationCheck check = check_calibration(given, pairs);
+    CAPTURE(one.text, check.error, check.cause);
+    CHECK_FALSE(check.fits);
+    CHECK(check.cause.find(one.text) != std::string::npos);
+    CHECK(check.corrected < 2 * kNoise);
+  }
+}
+
+TEST_CASE("calibration check: mistakes of one camera are named", "[calibration_check]") {
+  const std::vector<View> views = ring();
+  const std::vector<PairMatches> pairs = matches_of(views);
+  std::vector<Case> cases = kCases;
+  cases.push_back({"its position is in mm and those of the others in m",
+                   [](const View& v) { return moved(v, v.rotation, 1000 * v.translation); }});
+  for (const Case& one : cases) {
+    std::vector<View> given = views;
+    given[4] = one.mistake(views[4]);
+    const CalibrationCheck check = check_calibration(given, pairs);
+    CAPTURE(one.text, check.error);
+    CHECK(check.fits);
+    CHECK(check.error < 2 * kNoise);
+    REQUIRE(check.outliers.size() == 1);
+    CHECK(check.outliers[0].view == 4);
+    CHECK(check.outliers[0].error > 5);
+    CHECK(check.outliers[0].cause.find(one.text) != std::string::npos);
+  }
+}
+
+TEST_CASE("calibration check: cameras that have moved are named", "[calibration_check]") {
+  const std::vector<View> views = ring();
+  const std::vector<PairMatches> pairs = matches_of(views);
+  std::vector<View> given = views;
+  for (const int i : {1, 4, 8}) {
+    cv::Matx33d turn;
+    cv::Rodrigues(cv::Vec3d(0.008, 0.003, 0.002), turn);  // half a degree
+    given[i] = moved(views[i], turn * views[i].rotation, turn * views[i].translation);
+  }
+  const CalibrationCheck check = check_calibration(given, pairs);
+  CHECK(check.fits);
+  CHECK(check.error < 2 * kNoise);
+  std::vector<int> found;
+  for (const Outlier& outlier : check.outliers) {
+    found.push_back(outlier.view);
+    CHECK(outlier.cause.empty());
+    CHECK(outlier.error > 1);
+  }
+  std::sort(found.begin(), found.end());
+  CHECK(found == std::vector<int>{1, 4, 8});
+}
+
+TEST_CASE("calibration check: too few pairs give no verdict", "[calibration_check]") {
+  const std::vector<View> views = ring();
+  std::vector<PairMatches> pairs = matches_of(views);
+  pairs.resize(kMinPairs - 1);
+  std::vector<View> given;
+  for (const View& view : views) given.push_back(kCases[0].mistake(view));
+  const CalibrationCheck check = check_calibration(given, pairs);
+  CHECK(check.fits);
+  CHECK(check.outliers.empty());
+}
