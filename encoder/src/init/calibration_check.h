@@ -37,9 +37,9 @@ CalibrationCheck check_calibration(const std::vector<View>& views,
 // Describes the result for a report.
 std::string text_of(const CalibrationCheck& check, const std::vector<View>& views);
 
-// Checks the calibration by the images of some frames, in a stage of `work`, and logs the result and a
-// warning for each outlier. Returns kInvalidFile if a known mistake explains a disagreement, with
-// the mistake, the camera unless it is that of all, and `name`, the name of the capture.
+// Checks the calibration by the images of some frames, in a stage of `work`, and logs the result
+// and a warning for each outlier. Returns kInvalidFile if a known mistake explains a disagreement,
+// with the mistake, the camera unless it is that of all, and `name`, the name of the capture.
 Result<CalibrationCheck> check_cameras(const PreparedCapture& capture,
                                        const std::vector<View>& views, const std::string& name,
                                        Work& work);
