@@ -118,12 +118,15 @@ class Calibrations(CliTest):
         one = [dict(camera) for camera in cameras]
         one[3]["translation"] = [1000 * value for value in one[3]["translation"]]
         for name, given, message in (
-                ("half", half, "^stgs: error: half: .*the intrinsics are those of images of half the size"),
-                ("mm", one, f"^stgs: error: mm: camera '{one[3]['name']}' disagrees .* its position is in mm")):
+                ("half", half, "^stgs: error: half: .* the intrinsics are those of images of half the size .* multiply them by 2"),
+                ("mm", one, f"^stgs: error: mm: the calibration of '{one[3]['name']}' does not fit .* the position is in mm")):
             with self.subTest(name):
                 self.write_capture(name, opencv(given))
                 self.fails(INVALID, message, "prepare", name, "-o", "out", "--frames", "0:2", "--no-split")
                 self.assertFalse(os.path.exists(self.path("out")))
+                trusted = self.succeeds("prepare", name, "-o", name + " out", "--frames", "0:1", "--no-split",
+                                        "--max-static-points", "500", "--trust-calibration")
+                self.assertIn(b"warning: calibration: " + name.encode(), trusted.stderr)
 
     @unittest.skipIf(built_in("calibration"), "this build reads all forms")
     def test_a_form_that_is_not_built_in_is_named(self):

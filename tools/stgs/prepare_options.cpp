@@ -29,6 +29,9 @@ void PrepareOptions::declare(Arguments& app) {
   app.add_flag("--overwrite", settings_.overwrite, "Replace an existing prepared capture")
       ->group(group);
   add_allow_outside(app, settings_.allow_outside)->group(group);
+  app.add_flag("--trust-calibration", settings_.trust_calibration,
+               "Only warn if a mistake in the calibration is found")
+      ->group(group);
 }
 
 Result<encoder::PrepareSettings> PrepareOptions::settings(const CommonOptions& common) const {

@@ -94,6 +94,7 @@ Status prepare_into(const std::string& capture, const std::string& folder,
   STGS_TRY(write_frames(source, plans, prepared, progress));
   InitSettings init;
   init.name = capture;
+  init.trust_calibration = settings.trust_calibration;
   init.separate_motion = settings.separate_motion;
   init.max_dynamic_points = settings.max_dynamic_points;
   init.max_static_points = settings.max_static_points;

@@ -9,13 +9,18 @@
 namespace stgs::encoder::init {
 namespace {
 
-constexpr double kGood = 3;          // pixels: a pair with at most this error agrees roughly
-constexpr double kPoor = 0.5;        // pixels: a pair with less is never an outlier
-constexpr double kPoorRatio = 4;     // of the error of a pair and that of the better pairs
-constexpr double kBadShare = 0.3;    // of the pairs agree roughly: the calibration does not fit
-constexpr double kFixedShare = 0.7;  // of the pairs agree roughly: a mistake is corrected
+constexpr double kGood = 3;            // pixels: a pair with at most this error agrees roughly
+constexpr double kPoor = 0.5;          // pixels: a pair with less is never poor
+constexpr double kPoorRatio = 4;       // of the error of a poor pair and that of the better pairs
+constexpr double kBadShare = 0.3;      // of the pairs agree roughly: the calibration does not fit
+constexpr double kOutlierShare = 0.4;  // of the cameras: they are not a few among others
 constexpr double kInFrontShare = 0.7;
-constexpr double kMinAngle = 0.005;  // between the rays of a match, radians: its depth is known
+constexpr double kMinAngle = 0.02;  // between the rays of a match, radians: its depth is known
+constexpr int kMinKnown = 8;        // matches of known depth
+// A mistake explains a disagreement if this share of at least so many pairs agree without it, with
+// so small an error, and a given error that is large or matches behind the cameras.
+constexpr double kExplainedShare = 0.7, kExplainedError = 1, kLargeError = 5;
+constexpr std::size_t kMinPairsOfAll = 6, kMinPairsOfOne = 3;
 
 double median_of(std::vector<double> values) {
   if (values.empty()) return 0;
@@ -73,30 +78,33 @@ View to_cm(const View& v) {
   return with_distance(v, 100);
 }
 
-// A mistake, and the view without it.
+// A mistake, what to do about it, and the view without it.
 struct Mistake {
   const char* text;
+  const char* remedy;
   View (*corrected)(const View&);
 };
 
 constexpr Mistake kMistakes[] = {
-    {"the poses are camera-to-world and were read as world-to-camera, or the reverse", inverted},
-    {"the axes of the cameras are OpenGL's (y up, z backwards) and were read as OpenCV's, or the "
-     "reverse",
-     flipped},
-    {"the poses are camera-to-world with OpenGL's axes (y up, z backwards)", flipped_and_inverted},
-    {"the poses are camera-to-world and their axes OpenGL's (y up, z backwards)",
+    {"the poses are inverted (camera-to-world for world-to-camera)", "invert their matrices",
+     inverted},
+    {"the cameras have OpenGL's axes (y up, z backwards)",
+     "negate the second and the third row of their world-to-camera matrices", flipped},
+    {"the poses are camera-to-world, with OpenGL's axes (y up, z backwards)",
+     "invert their matrices, then negate the second and the third row", flipped_and_inverted},
+    {"the poses are inverted, and the cameras have OpenGL's axes (y up, z backwards)",
+     "negate the second and the third row of their matrices, then invert them",
      inverted_and_flipped},
-    {"the rotations are transposed", transposed},
-    {"the intrinsics are those of images of half the size", doubled},
-    {"the intrinsics are those of images of twice the size", halved},
+    {"the rotations are transposed", "transpose them", transposed},
+    {"the intrinsics are those of images of half the size", "multiply them by 2", doubled},
+    {"the intrinsics are those of images of twice the size", "divide them by 2", halved},
 };
 // Of a single camera among others.
 constexpr Mistake kUnits[] = {
-    {"its position is in mm and those of the others in m", from_mm},
-    {"its position is in m and those of the others in mm", to_mm},
-    {"its position is in cm and those of the others in m", from_cm},
-    {"its position is in m and those of the others in cm", to_cm},
+    {"the position is in mm, those of the others in m", "divide it by 1000", from_mm},
+    {"the position is in m, those of the others in mm", "multiply it by 1000", to_mm},
+    {"the position is in cm, those of the others in m", "divide it by 100", from_cm},
+    {"the position is in m, those of the others in cm", "multiply it by 100", to_cm},
 };
 
 cv::Matx33d fundamental(const View& a, const View& b) {
@@ -119,7 +127,7 @@ double distance_of(const cv::Matx33d& f, const cv::Point2d& p, const cv::Point2d
   return std::abs(y.dot(line)) / std::sqrt(std::max(square, 1e-300));
 }
 
-// Returns whether most matches with a known depth are in front of both cameras.
+// Returns false if most matches have a known depth, and many of them are behind a camera.
 bool is_in_front(const View& a, const View& b, const PairMatches& pair) {
   int known = 0, in_front = 0;
   const cv::Vec3d base = b.centre - a.centre;
@@ -134,7 +142,9 @@ bool is_in_front(const View& a, const View& b, const PairMatches& pair) {
     ++known;
     in_front += along_a > 0 && along_b > 0 ? 1 : 0;
   }
-  return in_front >= kInFrontShare * known;
+  const bool is_known =
+      known >= kMinKnown && 2 * static_cast<std::size_t>(known) >= pair.in_a.size();
+  return !is_known || in_front >= kInFrontShare * known;
 }
 
 // How the matches of a pair agree with its calibration.
@@ -174,19 +184,49 @@ double share_of_good(const std::vector<Agreement>& agreements) {
          static_cast<double>(std::max<std::size_t>(agreements.size(), 1));
 }
 
-// Looks for a mistake of all cameras.
-void find_common_mistake(const std::vector<View>& views, const Pairs& pairs,
-                         CalibrationCheck* out) {
-  double best = kFixedShare;
+double share_in_front(const std::vector<Agreement>& agreements) {
+  const auto count = std::count_if(agreements.begin(), agreements.end(),
+                                   [](const Agreement& one) { return one.is_in_front; });
+  return static_cast<double>(count) /
+         static_cast<double>(std::max<std::size_t>(agreements.size(), 1));
+}
+
+// The search for a mistake that explains why pairs do not agree.
+class Explanation {
+ public:
+  Explanation(const Pairs& pairs, const std::vector<Agreement>& given)
+      : pairs_(pairs),
+        can_explain_(share_of_good(given) <= kBadShare &&
+                     (median_error(given) >= kLargeError || share_in_front(given) < 0.5)) {}
+
+  // Considers a mistake; `corrected`: the views without it.
+  void consider(const Mistake& mistake, const std::vector<View>& corrected) {
+    if (!can_explain_) return;
+    const std::vector<Agreement> found = agreements_of(corrected, pairs_);
+    const double share = share_of_good(found), error = median_error(found);
+    if (share <= best_ || error > kExplainedError) return;
+    best_ = share;
+    cause_ = {mistake.text, mistake.remedy, error};
+  }
+  Cause cause() const { return cause_; }
+
+ private:
+  const Pairs& pairs_;
+  const bool can_explain_;
+  double best_ = kExplainedShare;
+  Cause cause_;
+};
+
+Cause common_cause(const std::vector<View>& views, const Pairs& pairs,
+                   const std::vector<Agreement>& given) {
+  if (pairs.size() < kMinPairsOfAll) return {};
+  Explanation explanation(pairs, given);
   for (const Mistake& mistake : kMistakes) {
     std::vector<View> corrected;
     for (const View& view : views) corrected.push_back(mistake.corrected(view));
-    const std::vector<Agreement> found = agreements_of(corrected, pairs);
-    if (share_of_good(found) <= best) continue;
-    best = share_of_good(found);
-    out->cause = mistake.text;
-    out->corrected = median_error(found);
+    explanation.consider(mistake, corrected);
   }
+  return explanation.cause();
 }
 
 // The pairs of a view with views that are no outliers.
@@ -243,18 +283,17 @@ Outlier describe(const std::vector<View>& views, const Pairs& pairs,
   Outlier out;
   out.view = view;
   out.error = median_error(given);
-  if (share_of_good(given) > kBadShare) return out;
-  double best = kFixedShare;
+  out.is_behind = share_in_front(given) < 0.5;
+  if (own.size() < kMinPairsOfOne) return out;
+  Explanation explanation(own, given);
   std::vector<View> corrected = views;
   const auto consider = [&](const Mistake& mistake) {
     corrected[view] = mistake.corrected(views[view]);
-    const double share = share_of_good(agreements_of(corrected, own));
-    if (share <= best) return;
-    best = share;
-    out.cause = mistake.text;
+    explanation.consider(mistake, corrected);
   };
   for (const Mistake& mistake : kMistakes) consider(mistake);
   for (const Mistake& mistake : kUnits) consider(mistake);
+  out.cause = explanation.cause();
   return out;
 }
 
@@ -266,12 +305,15 @@ CalibrationCheck check_calibration(const std::vector<View>& views, const Pairs& 
   if (out.pairs < kMinPairs) return out;
   const std::vector<Agreement> agreements = agreements_of(views, pairs);
   out.error = median_error(agreements);
-  out.fits = share_of_good(agreements) > kBadShare;
+  out.is_behind = share_in_front(agreements) < 0.5;
+  const std::vector<int> outliers = find_outliers(views.size(), pairs, agreements);
+  out.fits =
+      share_of_good(agreements) > kBadShare &&
+      static_cast<double>(outliers.size()) <= kOutlierShare * static_cast<double>(views.size());
   if (!out.fits) {
-    find_common_mistake(views, pairs, &out);
+    out.cause = common_cause(views, pairs, agreements);
     return out;
   }
-  const std::vector<int> outliers = find_outliers(views.size(), pairs, agreements);
   std::vector<Agreement> others;
   for (std::size_t i = 0; i < pairs.size(); ++i) {
     if (!contains(outliers, pairs[i].a) && !contains(outliers, pairs[i].b))
@@ -280,6 +322,12 @@ CalibrationCheck check_calibration(const std::vector<View>& views, const Pairs& 
   out.error = median_error(others);
   for (const int view : outliers) out.outliers.push_back(describe(views, pairs, outliers, view));
   return out;
+}
+
+// Returns how far matches are off.
+std::string distance_text(double error, bool is_behind) {
+  return is_behind ? "behind the cameras"
+                   : fmt::format("{:.2g} pixels from their epipolar lines", error);
 }
 
 std::string text_of(const CalibrationCheck& check, const std::vector<View>& views) {
@@ -291,45 +339,62 @@ std::string text_of(const CalibrationCheck& check, const std::vector<View>& view
   return out;
 }
 
-Result<CalibrationCheck> check_cameras(const PreparedCapture& capture,
-                                       const std::vector<View>& views, const std::string& name,
-                                       Work& work) {
-  if (views.size() < 2) return CalibrationCheck();
-  work.stage("calibration", 2);
+namespace {
+
+Status refusal(const std::string& name, const std::string& text, const Cause& cause) {
+  return invalid_file(
+      "{}: {}; probably {} (without this mistake: {:.2g} pixels): {}, or prepare it as it is with "
+      "--trust-calibration",
+      name, text, cause.text, cause.error, cause.remedy);
+}
+
+// Logs a warning for each outlier; those with a known cause are the error.
+Status report_outliers(const CalibrationCheck& check, const std::vector<View>& views,
+                       const std::string& name, Work& work) {
+  std::string refused;  // the cameras with the first cause
+  Cause cause;
+  for (const Outlier& outlier : check.outliers) {
+    const std::string& camera = views[outlier.view].camera->name;
+    work.log(fmt::format("calibration: camera '{}' disagrees with the others: its matches are {}; "
+                         "check its pose and its intrinsics, or leave it out",
+                         camera, distance_text(outlier.error, outlier.is_behind)),
+             1);
+    if (cause.text.empty()) cause = outlier.cause;
+    if (cause.text.empty() || outlier.cause.text != cause.text) continue;
+    refused += fmt::format("{}'{}'", refused.empty() ? "" : ", ", camera);
+  }
+  if (refused.empty()) return {};
+  return refusal(name, "the calibration of " + refused + " does not fit the other cameras", cause);
+}
+
+}  // namespace
+
+Status check_cameras(const PreparedCapture& capture, const std::vector<View>& views,
+                     const std::string& name, Work& work, CalibrationCheck* out) {
+  *out = {};
+  if (views.size() < kMinPairs) return {};  // they have too few pairs
+  work.stage("calibration", 2 * static_cast<int>(matched_frames(capture).size()) + 1);
   std::vector<PairMatches> pairs;
   STGS_TRY(find_matches(capture, views, work, &pairs));
-  CalibrationCheck check = check_calibration(views, pairs);
+  *out = check_calibration(views, pairs);
+  const CalibrationCheck& check = *out;
   if (check.pairs < kMinPairs) {
     work.log(fmt::format("calibration: not checked: {} of cameras have matches (expected {})",
                          plural(check.pairs, "pair"), kMinPairs),
              1);
-    return check;
+    return {};
   }
+  const std::string usual =
+      fmt::format("matches between {} of cameras are {}", plural(check.pairs, "pair"),
+                  distance_text(check.error, check.is_behind));
   if (!check.fits) {
-    const std::string text = fmt::format(
-        "the calibration does not fit the images: matches between cameras are {:.3g} pixels from "
-        "their epipolar lines, or behind the cameras",
-        check.error);
-    if (check.cause.empty()) {
-      work.log("calibration: " + text + "; check all cameras", 1);
-      return check;
-    }
-    return invalid_file("{}: {}. Likely, {}; without this mistake, the distance is {:.2g} pixels",
-                        name, text, check.cause, check.corrected);
+    const std::string text = "the calibration does not fit the images: " + usual;
+    if (!check.cause.text.empty()) return refusal(name, text, check.cause);
+    work.log("calibration: " + text + "; check all cameras", 1);
+    return {};
   }
-  for (const Outlier& outlier : check.outliers) {
-    const std::string text = fmt::format(
-        "camera '{}' disagrees with the others: its matches are {:.3g} pixels from their epipolar "
-        "lines, those of the others {:.2g}",
-        views[outlier.view].camera->name, outlier.error, check.error);
-    if (!outlier.cause.empty())
-      return invalid_file("{}: {}. Likely, {}", name, text, outlier.cause);
-    work.log("calibration: " + text + "; check its pose and its intrinsics, or leave it out", 1);
-  }
-  work.log(fmt::format(
-      "calibration: matches between {} of cameras are {:.2g} pixels from their epipolar lines",
-      plural(check.pairs, "pair"), check.error));
-  return check;
+  work.log("calibration: " + usual);
+  return report_outliers(check, views, name, work);
 }
 
 }  // namespace stgs::encoder::init

@@ -11,21 +11,27 @@
 
 namespace stgs::encoder::init {
 
+// A mistake that explains why matches do not agree with a calibration.
+struct Cause {
+  std::string text;    // empty: none is known
+  std::string remedy;  // what to do about it
+  double error = 0;    // without the mistake, pixels
+};
+
 // A camera that disagrees with the others.
 struct Outlier {
   int view = 0;
-  double error = 0;   // median distance of its matches from their epipolar lines, pixels
-  std::string cause;  // the likely mistake, which explains the distance; empty: none is known
+  double error = 0;        // median distance of its matches from their epipolar lines, pixels
+  bool is_behind = false;  // most of its matches are behind a camera
+  Cause cause;
 };
 
 struct CalibrationCheck {
   std::size_t pairs = 0;  // of views with matches; below kMinPairs nothing was checked
   double error = 0;       // median over the pairs without outliers, pixels at the size of the views
   bool fits = true;       // most cameras agree
-  // If it does not fit: the likely mistake of all cameras, without which `corrected` is the error;
-  // empty: none is known.
-  std::string cause;
-  double corrected = 0;
+  bool is_behind = false;  // most matches are behind a camera
+  Cause cause;             // of all cameras, if the calibration does not fit
   std::vector<Outlier> outliers;
 };
 
@@ -39,9 +45,9 @@ std::string text_of(const CalibrationCheck& check, const std::vector<View>& view
 
 // Checks the calibration by the images of some frames, in a stage of `work`, and logs the result
 // and a warning for each outlier. Returns kInvalidFile if a known mistake explains a disagreement,
-// with the mistake, the camera unless it is that of all, and `name`, the name of the capture.
-Result<CalibrationCheck> check_cameras(const PreparedCapture& capture,
-                                       const std::vector<View>& views, const std::string& name,
-                                       Work& work);
+// with the mistake, its cameras unless it is that of all, and `name`, the name of the capture;
+// `out` is then the result, too.
+Status check_cameras(const PreparedCapture& capture, const std::vector<View>& views,
+                     const std::string& name, Work& work, CalibrationCheck* out);
 
 }  // namespace stgs::encoder::init

@@ -11,12 +11,13 @@
 namespace stgs::encoder::init {
 namespace {
 
-constexpr int kMaxFeatures = 2000;       // per view
-constexpr double kContrast = 0.015;      // least contrast of a feature; OpenCV: 0.04
-constexpr int kPartners = 5;             // views by line of sight
-constexpr float kRatio = 0.8f;           // of the distances of the best match and the second
-constexpr double kInlier = 1.5;          // pixels from the line of a match
-constexpr std::size_t kMinMatches = 16;  // of a pair
+constexpr std::size_t kMaxFeatures = 2000;  // per view
+constexpr double kContrast = 0.015;         // least contrast of a feature; OpenCV: 0.04
+constexpr int kPartners = 5;                // views by line of sight
+constexpr float kRatio = 0.8f;              // of the distances of the best match and the second
+constexpr double kFixed = 1;                // pixels: positions that differ by less are the same
+constexpr double kInlier = 1.5;             // pixels from the line of a match
+constexpr std::size_t kMinMatches = 16;     // of a pair
 constexpr double kMinInlierShare = 0.3;
 
 // Of a view in a frame.
@@ -29,8 +30,11 @@ Status detect(const PreparedCapture& capture, const View& view, int frame, Featu
   STGS_ASSIGN(const cv::Mat image, load_image(capture, view, frame));
   cv::Mat grey;
   cv::cvtColor(image, grey, cv::COLOR_RGB2GRAY);
-  cv::SIFT::create(kMaxFeatures, 3, kContrast)
-      ->detectAndCompute(grey, {}, out->points, out->descriptors);
+  const cv::Ptr<cv::SIFT> sift = cv::SIFT::create(int(kMaxFeatures), 3, kContrast);
+  sift->detect(grey, out->points);
+  // It keeps all of equal contrast.
+  if (out->points.size() > kMaxFeatures) out->points.resize(kMaxFeatures);
+  sift->compute(grey, out->points, out->descriptors);
   return {};
 }
 
@@ -42,10 +46,17 @@ std::set<std::pair<int, int>> pairs_of(const std::vector<View>& views) {
     std::vector<int> others;
     for (int k = 0; k < n; ++k)
       if (k != i) others.push_back(k);
-    const auto cosine = [&](int k) { return views[i].forward().dot(views[k].forward()); };
+    const auto distance = [&](int k) { return cv::norm(views[i].centre - views[k].centre); };
+    double farthest = 1e-300;
+    for (const int k : others) farthest = std::max(farthest, distance(k));
+    // The difference of the lines of sight, and of the positions if the former are about equal.
+    const auto difference = [&](int k) {
+      return cv::norm(views[i].forward() - views[k].forward()) + 0.3 * distance(k) / farthest;
+    };
     const int count = std::min(kPartners, n - 1);
-    std::partial_sort(others.begin(), others.begin() + count, others.end(),
-                      [&](int a, int b) { return cosine(a) > cosine(b); });
+    std::partial_sort(others.begin(), others.begin() + count, others.end(), [&](int a, int b) {
+      return std::pair(difference(a), a) < std::pair(difference(b), b);
+    });
     others.resize(count);
     if (n > 1) others.push_back((i + 1) % n);
     for (const int k : others) out.insert({std::min(i, k), std::max(i, k)});
@@ -56,6 +67,13 @@ std::set<std::pair<int, int>> pairs_of(const std::vector<View>& views) {
 // Returns whether the best match of a feature is much better than the second one.
 bool is_clear(const std::vector<cv::DMatch>& two) {
   return two[0].distance < kRatio * two[1].distance;
+}
+
+// Returns whether a match is there already, from another frame.
+bool contains(const PairMatches& pair, const cv::Point2d& p, const cv::Point2d& q) {
+  for (std::size_t i = 0; i < pair.in_a.size(); ++i)
+    if (cv::norm(pair.in_a[i] - p) < kFixed && cv::norm(pair.in_b[i] - q) < kFixed) return true;
+  return false;
 }
 
 // Adds the features that match clearly in a frame, in both directions.
@@ -73,8 +91,11 @@ void add_matches(const Features& a, const Features& b, PairMatches* out) {
   for (std::size_t i = 0; i < found.size(); ++i) {
     const cv::DMatch& m = found[i][0];
     if (back[i][0].trainIdx != m.queryIdx || !is_clear(back[i])) continue;
-    out->in_a.push_back(cv::Point2d(a.points[m.queryIdx].pt) + centre);
-    out->in_b.push_back(cv::Point2d(b.points[m.trainIdx].pt) + centre);
+    const cv::Point2d p = a.points[m.queryIdx].pt, q = b.points[m.trainIdx].pt;
+    // Matches at one position may be texts in the images.
+    if (cv::norm(p - q) < kFixed || contains(*out, p + centre, q + centre)) continue;
+    out->in_a.push_back(p + centre);
+    out->in_b.push_back(q + centre);
   }
 }
 
@@ -98,22 +119,27 @@ void keep_consistent(PairMatches* pair) {
 
 }  // namespace
 
+std::set<int> matched_frames(const PreparedCapture& capture) {
+  return {0, capture.frames / 2, capture.frames - 1};
+}
+
 Status find_matches(const PreparedCapture& capture, const std::vector<View>& views, Work& work,
                     std::vector<PairMatches>* out) {
-  const std::set<int> chosen = {0, capture.frames / 2, capture.frames - 1};
-  const std::vector<int> frames(chosen.begin(), chosen.end());
-  const int n = int(views.size());
-  std::vector<Features> features(n * frames.size());  // frame by frame
-  STGS_TRY(work.for_each(int(features.size()), [&](int i) {
-    return detect(capture, views[i % n], frames[i / n], &features[i]);
-  }));
+  const std::set<int> frames = matched_frames(capture);
   out->clear();
   for (const auto& [a, b] : pairs_of(views)) out->push_back({a, b, {}, {}});
+  std::vector<Features> features(views.size());
+  for (const int frame : frames) {
+    STGS_TRY(work.for_each(int(views.size()),
+                           [&](int i) { return detect(capture, views[i], frame, &features[i]); }));
+    STGS_TRY(work.for_each(int(out->size()), [&](int i) -> Status {
+      PairMatches& pair = (*out)[i];
+      add_matches(features[pair.a], features[pair.b], &pair);
+      return {};
+    }));
+  }
   STGS_TRY(work.for_each(int(out->size()), [&](int i) -> Status {
-    PairMatches& pair = (*out)[i];
-    for (int first = 0; first < int(features.size()); first += n)
-      add_matches(features[first + pair.a], features[first + pair.b], &pair);
-    keep_consistent(&pair);
+    keep_consistent(&(*out)[i]);
     return {};
   }));
   std::erase_if(*out, [](const PairMatches& pair) { return pair.in_a.empty(); });

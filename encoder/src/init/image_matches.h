@@ -3,6 +3,7 @@
 #pragma once
 
 #include <opencv2/core.hpp>
+#include <set>
 #include <vector>
 
 #include "init/view.h"
@@ -15,6 +16,9 @@ struct PairMatches {
   int a = 0, b = 0;
   std::vector<cv::Point2d> in_a, in_b;
 };
+
+// Returns the frames in which matches are found: the first, the middle and the last.
+std::set<int> matched_frames(const PreparedCapture& capture);
 
 // Finds the matches of the first, the middle and the last frame between views that are likely to
 // see the same: those with the most similar lines of sight, and those next to each other in the

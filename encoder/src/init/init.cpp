@@ -59,6 +59,14 @@ int dynamic_limit(const State& state) {
   return std::clamp(camera.width * camera.height / 100, 1000, 5000);
 }
 
+Status check_calibration(State& state) {
+  const Status status = check_cameras(state.capture, state.views, state.settings.name, state.work,
+                                      &state.calibration);
+  if (status.code() != StatusCode::kInvalidFile || !state.settings.trust_calibration) return status;
+  state.work.log("calibration: " + status.message(), 1);
+  return {};
+}
+
 Status find_all_motion(State& state) {
   state.work.stage("motion");
   state.motion.resize(state.views.size());
@@ -353,8 +361,7 @@ Status run(State& state) {
     return usage_error("{}: every camera is held out; leave some for training (--test-cameras)",
                        state.settings.name);
   }
-  STGS_ASSIGN(state.calibration,
-              check_cameras(state.capture, state.views, state.settings.name, state.work));
+  STGS_TRY(check_calibration(state));
   STGS_TRY(find_all_motion(state));
   start_features(state);
   STGS_TRY(find_static(state));

@@ -138,6 +138,8 @@ typedef struct stgs_prepare_settings {
   int32_t overwrite;               /* 1: replace an existing prepared capture; default 0 */
   int32_t allow_outside;           /* 1: the capture is trusted: its paths and links may leave its
                                     * folder; default 0 */
+  int32_t trust_calibration;       /* 1: only warn if a mistake in the calibration is found; 0
+                                    * (default): STGS_ERROR_INVALID_FILE */
 } stgs_prepare_settings;
 
 /* Fills settings with the defaults. `struct_size` is sizeof(*settings). */

@@ -51,7 +51,8 @@ Outcome check(const stgs_prepare_settings& s) {
   STGS_SDK_TRY(check_test_cameras(s));
   STGS_SDK_TRY(check_flag("separate_motion", s.separate_motion));
   STGS_SDK_TRY(check_flag("overwrite", s.overwrite));
-  return check_flag("allow_outside", s.allow_outside);
+  STGS_SDK_TRY(check_flag("allow_outside", s.allow_outside));
+  return check_flag("trust_calibration", s.trust_calibration);
 }
 
 #ifdef STGS_HAS_PREPARE
@@ -77,6 +78,7 @@ Outcome prepare(const char* capture, const char* prepared, const stgs_prepare_se
   settings.seed = s.seed;
   settings.overwrite = s.overwrite != 0;
   settings.allow_outside = s.allow_outside != 0;
+  settings.trust_calibration = s.trust_calibration != 0;
   return encoder::prepare(capture, prepared, settings, progress, log);
 }
 

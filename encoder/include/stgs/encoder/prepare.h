@@ -45,6 +45,8 @@ struct PrepareSettings {
   bool overwrite = false;  // replace an existing prepared capture at the target
   // Allow the capture to name files outside its folder, directly or by links: it is trusted.
   bool allow_outside = false;
+  // A calibration that a known mistake explains is a warning instead of an error.
+  bool trust_calibration = false;
   // Called on the calling thread once cameras, image sizes and frames are known, before the long
   // work starts. An error cancels the run and is returned. May be empty.
   std::function<Status(const PreparedCapture&)> accept;
