@@ -118,7 +118,7 @@ class Calibrations(CliTest):
         one = [dict(camera) for camera in cameras]
         one[3]["translation"] = [1000 * value for value in one[3]["translation"]]
         for name, given, message in (
-                ("half", half, "^stgs: error: half: .* the intrinsics are those of images of half the size .* multiply them by 2"),
+                ("half", half, "^stgs: error: half: .* the intrinsics are those of images of half the size .*; multiply them by 2"),
                 ("mm", one, f"^stgs: error: mm: the calibration of '{one[3]['name']}' does not fit .* the position is in mm")):
             with self.subTest(name):
                 self.write_capture(name, opencv(given))
