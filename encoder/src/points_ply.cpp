@@ -20,9 +20,9 @@ static_assert(std::endian::native == std::endian::little,
               "PLY values are copied without byte swapping");
 
 // The vertex properties of the file.
-enum Field { kX, kY, kZ, kRed, kGreen, kBlue, kVx, kVy, kVz, kFrame, kFieldCount };
+enum Field { kX, kY, kZ, kRed, kGreen, kBlue, kVx, kVy, kVz, kFrame, kNx, kNy, kNz, kFieldCount };
 constexpr std::array<std::string_view, kFieldCount> kFieldName = {
-    "x", "y", "z", "red", "green", "blue", "vx", "vy", "vz", "frame"};
+    "x", "y", "z", "red", "green", "blue", "vx", "vy", "vz", "frame", "nx", "ny", "nz"};
 
 PlyType field_type(int field) {
   if (field >= kRed && field <= kBlue) return PlyType::kUint8;
@@ -39,6 +39,13 @@ struct PlyLayout {
   std::array<std::uint64_t, kFieldCount> offset;  // in the record, bytes; kAbsent: not in the file
 };
 constexpr std::uint64_t kAbsent = ~std::uint64_t{0};
+
+// Returns whether the file has all fields of [first, last] or none.
+bool complete(const PlyLayout& layout, int first, int last) {
+  const auto is_absent = [](std::uint64_t offset) { return offset == kAbsent; };
+  const auto begin = layout.offset.begin() + first, end = layout.offset.begin() + last + 1;
+  return std::all_of(begin, end, is_absent) || std::none_of(begin, end, is_absent);
+}
 
 // Locates the properties that write_points writes. Their order in the file does not matter.
 Result<PlyLayout> layout_of(const PlyHeader& header, const std::string& path) {
@@ -68,11 +75,12 @@ Result<PlyLayout> layout_of(const PlyHeader& header, const std::string& path) {
       return invalid_file("{}: property '{}' is missing", path, kFieldName[field]);
     }
   }
-  for (int field = kVx; field < kFieldCount; ++field) {
-    if ((layout.offset[field] == kAbsent) != (layout.offset[kVx] == kAbsent)) {
-      return invalid_file("{}: incomplete velocity (expected all of vx, vy, vz and frame, or none)",
-                          path);
-    }
+  if (!complete(layout, kVx, kFrame)) {
+    return invalid_file("{}: incomplete velocity (expected all of vx, vy, vz and frame, or none)",
+                        path);
+  }
+  if (!complete(layout, kNx, kNz)) {
+    return invalid_file("{}: incomplete normal (expected all of nx, ny and nz, or none)", path);
   }
   return layout;
 }
@@ -97,16 +105,23 @@ InitialPoint decode_point(const std::uint8_t* record, const PlyLayout& layout) {
     point.position[i] = load<float>(record, layout.offset[kX + i]);
     point.colour[i] = load<std::uint8_t>(record, layout.offset[kRed + i]);
   }
-  if (layout.offset[kFrame] == kAbsent) return point;
-  for (int i = 0; i < 3; ++i) point.velocity[i] = load<float>(record, layout.offset[kVx + i]);
-  point.frame = load<std::int32_t>(record, layout.offset[kFrame]);
+  if (layout.offset[kFrame] != kAbsent) {
+    for (int i = 0; i < 3; ++i) point.velocity[i] = load<float>(record, layout.offset[kVx + i]);
+    point.frame = load<std::int32_t>(record, layout.offset[kFrame]);
+  }
+  if (layout.offset[kNx] != kAbsent) {
+    for (int i = 0; i < 3; ++i) point.normal[i] = load<float>(record, layout.offset[kNx + i]);
+    const float length = std::hypot(point.normal[0], point.normal[1], point.normal[2]);
+    for (float& n : point.normal) n = length > 0.0f ? n / length : n;
+  }
   return point;
 }
 
 bool finite(const InitialPoint& point) {
   const auto is_finite = [](float v) { return std::isfinite(v); };
   return std::all_of(point.position, point.position + 3, is_finite) &&
-         std::all_of(point.velocity, point.velocity + 3, is_finite);
+         std::all_of(point.velocity, point.velocity + 3, is_finite) &&
+         std::all_of(point.normal, point.normal + 3, is_finite);
 }
 
 }  // namespace
@@ -126,18 +141,22 @@ Result<std::vector<InitialPoint>> read_points(const ByteSource& file) {
   for (std::size_t i = 0; i < points.size(); ++i) {
     points[i] = decode_point(bytes.data() + i * layout.stride, layout);
     if (!finite(points[i])) {
-      return invalid_file("{}: point {} has a non-finite position or velocity", path, i);
+      return invalid_file("{}: point {} has a non-finite position, velocity or normal", path, i);
     }
   }
   return points;
 }
 
 Status write_points(const std::string& path, const std::vector<InitialPoint>& points) {
-  bool moving = false;
-  for (const InitialPoint& point : points) moving |= point.frame >= 0;
+  bool moving = false, with_normals = false;
+  for (const InitialPoint& point : points) {
+    moving |= point.frame >= 0;
+    with_normals |= point.normal[0] != 0 || point.normal[1] != 0 || point.normal[2] != 0;
+  }
   std::string header = "ply\nformat binary_little_endian 1.0\nelement vertex " +
                        std::to_string(points.size()) + "\n";
-  for (int field = 0; field < (moving ? kFieldCount : kVx); ++field) {
+  for (int field = 0; field < kFieldCount; ++field) {
+    if (field >= kNx ? !with_normals : field >= kVx && !moving) continue;
     header += fmt::format("property {} {}\n", name_of(field_type(field)), kFieldName[field]);
   }
   header += "end_header\n";
@@ -145,9 +164,12 @@ Status write_points(const std::string& path, const std::vector<InitialPoint>& po
   for (const InitialPoint& point : points) {
     for (float v : point.position) store(bytes, v);
     for (std::uint8_t v : point.colour) store(bytes, v);
-    if (!moving) continue;
-    for (float v : point.velocity) store(bytes, v);
-    store(bytes, static_cast<std::int32_t>(point.frame));
+    if (moving) {
+      for (float v : point.velocity) store(bytes, v);
+      store(bytes, static_cast<std::int32_t>(point.frame));
+    }
+    if (!with_normals) continue;
+    for (float v : point.normal) store(bytes, v);
   }
   return write_file_atomically(path, bytes);
 }

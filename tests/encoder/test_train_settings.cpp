@@ -245,7 +245,8 @@ TEST_CASE("a parameter is rejected only if its weights, ranks or enabling parame
                 nullptr));
   CHECK(rejects({{"weight_perceptual", "0"}}, "vgg.safetensors", nullptr));
   CHECK(rejects({{"score_error", "3"}, {"replace_limit", "0"}}, "", nullptr));
-  CHECK(rejects({{"normal_from", "0.1"}}, "", nullptr));
+  CHECK(rejects({{"normal_from", "0.1"}, {"weight_normal", "0"}}, "", nullptr));
+  CHECK_FALSE(rejects({{"normal_from", "0.1"}}, "", nullptr));
   for (const char* name :
        {"lr_velocity_final", "still_from", "velocity_share", "velocity_shrink"}) {
     CHECK(rejects({{name, "0.2"}, {"lr_velocity", "0"}}, "", nullptr));

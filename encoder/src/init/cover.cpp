@@ -59,6 +59,7 @@ void cover(const std::vector<Surface>& surfaces, int block, double tolerance,
         points->push_back(
             {surface.view.at(best.x + 0.5, best.y + 0.5, surface.depth.at<float>(best)),
              surface.rgb.at<cv::Vec3b>(best)});
+        if (!surface.normal.empty()) points->back().normal = surface.normal.at<cv::Vec3f>(best);
       }
     }
   }

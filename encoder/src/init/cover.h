@@ -12,14 +12,16 @@ namespace stgs::encoder::init {
 // The surface visible in one view.
 struct Surface {
   View view;
-  cv::Mat rgb;     // 8-bit, at the view's size
-  cv::Mat depth;   // CV_32F, scene units, 0: unknown
-  cv::Mat weight;  // CV_32F; a pixel can become a point if above 0, larger weights first
+  cv::Mat rgb;       // 8-bit, at the view's size
+  cv::Mat depth;     // CV_32F, scene units, 0: unknown
+  cv::Mat weight;    // CV_32F; a pixel can become a point if above 0, larger weights first
+  cv::Mat normal{};  // CV_32FC3, world space, 0: unknown; or empty
 };
 
 struct SurfacePoint {
   cv::Vec3d position;
   cv::Vec3b colour;
+  cv::Vec3f normal{0, 0, 0};  // unit; 0: unknown
 };
 
 // Adds one point to `points` for each block of `block` x `block` pixels that has none yet. A point

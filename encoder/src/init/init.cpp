@@ -301,6 +301,7 @@ InitialPoint initial_point(const SurfacePoint& point, const cv::Vec3d& velocity,
   for (int k = 0; k < 3; ++k) {
     out.position[k] = float(point.position[k]);
     out.colour[k] = point.colour[k];
+    out.normal[k] = point.normal[k];
     out.velocity[k] = float(velocity[k]);
   }
   out.frame = frame;

@@ -6,6 +6,8 @@
 #include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "init/stereo_depth.h"
+
 namespace stgs::encoder::init {
 namespace {
 
@@ -13,6 +15,11 @@ constexpr int kCoarseMaxSide = 128;  // longer side of the coarse sweep, pixels
 constexpr int kCoarsePlanes = 64;
 constexpr double kAgreeSteps = 1.5;  // largest disagreement of two views, in planes
 constexpr float kMaxCost = 0.6f;
+constexpr int kDepthMaxSide = 320;  // longer side of the images of depth maps, pixels
+// Weights from here on are of depth that stereo confirms; those of swept depth are smaller.
+constexpr float kStereoWeight = 2.0f;
+// A point in front of confirmed depth, by this share of it, is wrong.
+constexpr double kInFront = 0.04;
 
 // Returns the median distance of a view to its nearest neighbour.
 double median_baseline(const std::vector<View>& views) {
@@ -178,6 +185,38 @@ cv::Mat fill_depth(const cv::Mat& depth, const cv::Mat& weight, double fallback)
   return out;
 }
 
+// Replaces swept depth where stereo has confirmed another.
+void prefer_stereo(const StereoDepth& stereo, const cv::Mat& usable, DepthMap* swept,
+                   Surface* surface) {
+  const auto scaled = [size = surface->weight.size()](const cv::Mat& map) {
+    cv::Mat out;
+    cv::resize(map, out, size, 0, 0, cv::INTER_NEAREST);
+    return out;
+  };
+  const cv::Mat depth = scaled(stereo.depth);
+  const cv::Mat confirmed = (depth > 0) & usable;
+  depth.copyTo(swept->depth, confirmed);
+  const cv::Mat weight = kStereoWeight + 1 - scaled(stereo.cost);
+  weight.copyTo(surface->weight, confirmed);
+  surface->normal = cv::Mat(surface->weight.size(), CV_32FC3, cv::Scalar(0));
+  scaled(stereo.normal).copyTo(surface->normal, confirmed);
+}
+
+// Removes the points from `first` on that lie in front of depth that stereo confirms.
+void drop_contradicted(const std::vector<Surface>& surfaces, std::size_t first,
+                       std::vector<SurfacePoint>* points) {
+  const auto contradicted = [&surfaces](const SurfacePoint& point) {
+    return std::any_of(surfaces.begin(), surfaces.end(), [&point](const Surface& surface) {
+      const Pixel p = project(surface.view, point.position);
+      return p.inside && surface.weight.at<float>(p.y(), p.x()) >= kStereoWeight &&
+             p.depth < (1 - kInFront) * surface.depth.at<float>(p.y(), p.x());
+    });
+  };
+  points->erase(
+      std::remove_if(points->begin() + std::ptrdiff_t(first), points->end(), contradicted),
+      points->end());
+}
+
 }  // namespace
 
 int plane_count(const View& view, const std::vector<View>& views, const std::vector<int>& others,
@@ -238,8 +277,9 @@ Status find_static_depth(const std::vector<StaticImage>& inputs, Work& work, Sta
     max_side = std::max({max_side, input.view.width, input.view.height});
   }
   Sweeps sweeps;
-  STGS_TRY(sweep_all(inputs, {scene->focus, scene->range, std::min(320, max_side), 32, 96}, work,
-                     &sweeps));
+  max_side = std::min(kDepthMaxSide, max_side);
+  STGS_TRY(sweep_all(inputs, {scene->focus, scene->range, max_side, 32, 96}, work, &sweeps));
+  STGS_ASSIGN(const std::vector<StereoDepth> stereo, match_static(inputs, *scene, work));
   scene->surfaces.resize(inputs.size());
   scene->usable.resize(inputs.size());
   return work.for_each(int(inputs.size()), [&](int i) -> Status {
@@ -249,6 +289,7 @@ Status find_static_depth(const std::vector<StaticImage>& inputs, Work& work, Sta
     scene->usable[i] = sweeps.images[i].usable;
     surface.weight = check_across(sweeps, i, scene->focus.point);
     drop_islands(sweeps.maps[i], scene->range.nearest, sweeps.steps[i], &surface.weight);
+    if (!stereo.empty()) prefer_stereo(stereo[i], scene->usable[i], &sweeps.maps[i], &surface);
     surface.depth = fill_depth(sweeps.maps[i].depth, surface.weight, 0.7 * scene->range.farthest);
     return {};
   });
@@ -268,6 +309,7 @@ void choose_static_points(const std::vector<SurfacePoint>& sparse, int limit, St
   scene->sparse = int(scene->points.size());
   // Reserves a fifth of the limit for unmeasured surfaces.
   const int block = cover_within(scene->surfaces, limit * 4 / 5, tolerance, &scene->points);
+  drop_contradicted(scene->surfaces, std::size_t(scene->sparse), &scene->points);
   scene->swept = int(scene->points.size()) - scene->sparse;
   std::vector<Surface> holes = scene->surfaces;
   for (std::size_t i = 0; i < holes.size(); ++i) {
@@ -276,6 +318,7 @@ void choose_static_points(const std::vector<SurfacePoint>& sparse, int limit, St
   for (int wide = std::max(4, block);; wide = wide * 5 / 4 + 1) {
     std::vector<SurfacePoint> all = scene->points;
     cover(holes, wide, tolerance, &all);
+    drop_contradicted(scene->surfaces, scene->points.size(), &all);
     if (int(all.size()) > limit && wide < 4096) continue;
     scene->filled = int(all.size() - scene->points.size());
     scene->points = std::move(all);

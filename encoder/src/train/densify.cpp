@@ -13,6 +13,11 @@ math::Vec3 log_scale_of(const TrainState& state, std::size_t i) {
   return {s[0], s[1], s[2]};
 }
 
+math::Vec3 position_of(const TrainState& state, std::size_t i) {
+  const float* p = &state.set.position[3 * i];
+  return {p[0], p[1], p[2]};
+}
+
 // Moves primitive i by a sample of its own Gaussian scaled by `factor`.
 void move_by_sample(TrainState& state, std::size_t i, float factor, Random& random) {
   const float* q = &state.set.rotation[4 * i];
@@ -90,13 +95,14 @@ bool is_finite(const TrainState& state, std::size_t i) {
 
 // Lists the primitives that survive pruning; counts those with non-finite values.
 std::vector<std::uint32_t> list_survivors(const TrainState& state, const DensifyRules& rules,
-                                          std::size_t& non_finite) {
+                                          const FreeSpace& free_space, std::size_t& non_finite) {
   std::vector<std::uint32_t> survivors;
   survivors.reserve(state.size());
   for (std::size_t i = 0; i < state.size(); ++i) {
     if (!is_finite(state, i)) {
       ++non_finite;
-    } else if (survives(rules, state.set.opacity_logit[i], log_scale_of(state, i))) {
+    } else if (survives(rules, state.set.opacity_logit[i], log_scale_of(state, i)) &&
+               !in_free_space(free_space, position_of(state, i))) {
       survivors.push_back(static_cast<std::uint32_t>(i));
     }
   }
@@ -156,7 +162,8 @@ DensifyCounts grow(TrainState& state, const HyperParameters& parameters,
   DensifyCounts counts;
   const std::size_t before = state.size();
   const DensifyRules rules = densify_rules(parameters, context);
-  const std::vector<std::uint32_t> survivors = list_survivors(state, rules, counts.non_finite);
+  const std::vector<std::uint32_t> survivors =
+      list_survivors(state, rules, context.free_space, counts.non_finite);
   counts.removed = before - survivors.size();
   if (counts.removed > 0) state.retain(survivors);
 
@@ -210,7 +217,8 @@ DensifyCounts replace(TrainState& state, const HyperParameters& parameters,
   DensifyCounts counts;
   if (state.size() == 0) return counts;
   const DensifyRules rules = densify_rules(parameters, context);
-  const std::vector<std::uint32_t> survivors = list_survivors(state, rules, counts.non_finite);
+  const std::vector<std::uint32_t> survivors =
+      list_survivors(state, rules, context.free_space, counts.non_finite);
   std::vector<bool> survives_pruning(state.size(), false);
   for (std::uint32_t i : survivors) survives_pruning[i] = true;
   std::vector<std::uint32_t> dead;

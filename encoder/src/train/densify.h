@@ -21,6 +21,7 @@ struct DensifyContext {
   bool modulated = true;  // false: f = 1
   bool plain = false;     // growth as in 3DGS: mean gradients only, clones are exact copies
   std::uint64_t seed = 0;
+  FreeSpace free_space;  // primitives in it are removed
 };
 
 DensifyRules densify_rules(const HyperParameters& parameters, const DensifyContext& context);
@@ -33,14 +34,14 @@ std::size_t max_growth(const HyperParameters& parameters, const DensifyContext& 
 std::size_t max_replacements(const HyperParameters& parameters, std::size_t surviving,
                              std::size_t dead);
 
-// First stage. Removes primitives that are nearly transparent or too large; clones small ones with
-// a large mean gradient, and splits large ones with a large absolute gradient. Resets the
-// statistics. A plain step is bounded by max_primitives alone.
+// First stage. Removes primitives that are nearly transparent, too large or in free space; clones
+// small ones with a large mean gradient, and splits large ones with a large absolute gradient.
+// Resets the statistics. A plain step is bounded by max_primitives alone.
 DensifyCounts grow(TrainState& state, const HyperParameters& parameters,
                    const DensifyContext& context);
 
-// Second stage. Replaces nearly transparent primitives with clones of those with the highest score;
-// N does not change. Resets the statistics.
+// Second stage. Replaces the primitives that the first stage would remove with clones of those with
+// the highest score; N does not change. Resets the statistics.
 DensifyCounts replace(TrainState& state, const HyperParameters& parameters,
                       const DensifyContext& context);
 

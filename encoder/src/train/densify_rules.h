@@ -29,6 +29,37 @@ struct ScoreRules {
   double error, opacity, lifespan;
 };
 
+inline constexpr int kMaxEmptyViews = 48;
+
+// The empty part of a view: the part of its frustum with a camera z below `depth`, widened by
+// `margin` on each side. World to camera as in PinholeCamera; lengths in scene units.
+struct EmptyView {
+  math::Mat3 rotation;
+  math::Vec3 translation;
+  float tan_x, tan_y;  // half fields of view
+  float depth, margin;
+};
+
+// Passed to kernels by value.
+struct FreeSpace {
+  EmptyView views[kMaxEmptyViews];
+  int count = 0;
+};
+
+// Returns whether a position lies in free space.
+STGS_FN bool in_free_space(const FreeSpace& space, math::Vec3 position) {
+  for (int i = 0; i < space.count; ++i) {
+    const EmptyView& view = space.views[i];
+    const math::Vec3 p = math::mat3_mul(view.rotation, position);
+    const float z = p.z + view.translation.z;
+    if (!(z > 0.0f && z < view.depth)) continue;
+    const float x = p.x + view.translation.x, y = p.y + view.translation.y;
+    if (std::abs(x) < view.tan_x * z + view.margin && std::abs(y) < view.tan_y * z + view.margin)
+      return true;
+  }
+  return false;
+}
+
 // Returns the largest standard deviation.
 STGS_FN float max_scale(math::Vec3 log_scale) {
   return std::exp(math::larger(log_scale.x, math::larger(log_scale.y, log_scale.z)));

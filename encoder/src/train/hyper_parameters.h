@@ -23,7 +23,7 @@ struct HyperParameters {
   double weight_lifespan = 1e-3;
   double weight_opacity = 1e-2;
   double weight_scale = 1e-2;
-  double weight_normal = 0.0;
+  double weight_normal = 0.015;
   double weight_perceptual = 0.01;
 
   // Learning rates (Adam). Lengths are relative to the scene's extent, times in frames.

@@ -3,16 +3,15 @@
 
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
 #include <map>
 #include <nanoflann.hpp>
 
 #include "stgs/encoder/windows.h"
-#include "stgs/format/byte_source.h"
 #include "stgs/format/math/lifespan.h"
 #include "stgs/format/math/sh.h"
 #include "stgs/format/parallel.h"
 #include "train/coupled_state.h"
+#include "train/initial_points.h"
 #include "train/random.h"
 #include "train/scene_background.h"
 
@@ -23,6 +22,7 @@ constexpr double kInitialFraction = 0.6;  // of max_primitives; densification ad
 constexpr double kDynamicFraction =
     0.5;  // of the initial primitives, at most, if both kinds are plentiful
 constexpr int kNeighbours = 3;
+constexpr float kFlatness = 0.2f;  // thickness of an initial disc relative to its radius
 // For everything that all windows of a capture share, independent of their seeds.
 constexpr std::uint64_t kSharedSeed = 0;
 
@@ -78,46 +78,18 @@ void subsample(std::vector<InitialPoint>& points, std::size_t limit, Random rand
   points = std::move(selected);
 }
 
-// Reads a file that `stgs prepare` always writes, even without points.
-Result<std::vector<InitialPoint>> read_prepared_points(const PreparedCapture& capture,
-                                                       const std::string& path) {
-  std::error_code ignored;
-  if (std::filesystem::status(path, ignored).type() == std::filesystem::file_type::not_found) {
-    return io_error(
-        "{}: no such file, so the prepared capture is incomplete; copy it again, or run 'stgs "
-        "prepare' again",
-        path);
-  }
-  STGS_ASSIGN(const std::unique_ptr<ByteSource> file, open_file_of(capture, path));
-  return read_points(*file);
-}
-
 Result<std::vector<InitialPoint>> load_points(const PreparedCapture& capture,
                                               const HyperParameters& parameters,
                                               const Ablation& ablation, std::uint64_t seed) {
-  const std::string dynamic_path = capture.folder + "/points_dynamic.ply";
-  STGS_ASSIGN(std::vector<InitialPoint> static_points,
-              read_prepared_points(capture, capture.folder + "/points_static.ply"));
-  STGS_ASSIGN(std::vector<InitialPoint> dynamic_points,
-              read_prepared_points(capture, dynamic_path));
-  if (!ablation.initialisation && dynamic_points.empty()) {
-    return usage_error(
-        "--ablate: initialisation has no effect, because {} has no dynamic points; remove it",
-        capture.folder);
-  }
-  const int frames =
-      capture.window ? static_cast<int>(capture.window->capture_frames) : capture.frames;
-  for (InitialPoint& point : dynamic_points) {
-    if (point.frame < 0 || point.frame >= frames) {
-      return invalid_file("{}: a point has an invalid frame (expected 0 to {}, got {})",
-                          dynamic_path, frames - 1, point.frame);
-    }
-    point.frame -= capture.frame_offset();
-  }
-  std::erase_if(dynamic_points, [&capture](const InitialPoint& point) {
-    return point.frame < 0 || point.frame >= capture.frames;
-  });
+  STGS_ASSIGN(InitialPoints read, read_initial_points(capture));
+  std::vector<InitialPoint>& static_points = read.statics;
+  std::vector<InitialPoint>& dynamic_points = read.dynamics;
   if (!ablation.initialisation) {
+    if (dynamic_points.empty() && !capture.window) {
+      return usage_error(
+          "--ablate: initialisation has no effect, because {} has no dynamic points; remove it",
+          capture.folder);
+    }
     std::erase_if(dynamic_points, [](const InitialPoint& point) { return point.frame != 0; });
     for (InitialPoint& point : dynamic_points) {
       point.frame = -1;
@@ -144,6 +116,24 @@ float logit(double p) {
   return static_cast<float>(std::log(p / (1.0 - p)));
 }
 
+// A point with a normal becomes a disc on its surface, another a sphere.
+void set_orientation(const InitialPoint& point, std::size_t i, Gaussians4D& set) {
+  float* q = &set.rotation[4 * i];
+  const float x = point.normal[0], y = point.normal[1], z = point.normal[2];
+  if (x == 0.0f && y == 0.0f && z == 0.0f) {
+    q[0] = 1.0f;
+    return;
+  }
+  // The rotation from the z axis to the normal, or to its opposite, which is the same disc.
+  const float sign = z < 0.0f ? -1.0f : 1.0f;
+  q[0] = 1.0f + sign * z;
+  q[1] = -sign * y;
+  q[2] = sign * x;
+  const float length = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2]);
+  for (int k = 0; k < 3; ++k) q[k] /= length;
+  set.log_scale[3 * i + 2] += std::log(kFlatness);
+}
+
 void set_primitive(const InitialPoint& point, float scale, const PreparedCapture& capture,
                    const HyperParameters& parameters, const Ablation& ablation, std::size_t i,
                    TrainState& state) {
@@ -151,7 +141,7 @@ void set_primitive(const InitialPoint& point, float scale, const PreparedCapture
   const bool dynamic = point.frame >= 0;
   std::copy_n(point.position, 3, set.position.begin() + static_cast<std::ptrdiff_t>(3 * i));
   std::fill_n(set.log_scale.begin() + static_cast<std::ptrdiff_t>(3 * i), 3, std::log(scale));
-  set.rotation[4 * i] = 1.0f;
+  set_orientation(point, i, set);
   set.opacity_logit[i] =
       logit(dynamic ? parameters.initial_opacity_dynamic : parameters.initial_opacity);
   for (int c = 0; c < 3; ++c) {

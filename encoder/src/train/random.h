@@ -16,7 +16,8 @@ enum class RandomPurpose : std::uint64_t {
   kDensify = 3,
   kPatch = 4,
   kDrop = 5,
-  kStatic = 6
+  kStatic = 6,
+  kStereo = 7
 };
 
 class Random {

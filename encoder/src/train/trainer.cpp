@@ -9,6 +9,7 @@
 #include "train/checkpoint.h"
 #include "train/densify.h"
 #include "train/densify_plan.h"
+#include "train/free_space.h"
 #include "train/random.h"
 #include "train/step_schedule.h"
 
@@ -59,6 +60,9 @@ Result<std::unique_ptr<Trainer>> Trainer::create(const PreparedCapture& capture,
 }
 
 Status Trainer::prepare_state() {
+  if (ablation_.densification) {
+    STGS_ASSIGN(free_space_, find_free_space(capture_));
+  }
   if (settings_.resume.empty()) {
     STGS_ASSIGN(state_, initial_state(capture_, growth_, ablation_, settings_.seed));
   } else {
@@ -214,7 +218,7 @@ Result<StepInput> Trainer::step_input() {
   input.gather_statistics = densify_plan(p, ablation_, progress, false).gather;
   set_schedule(p, capture_, progress, state_.is_coupled(), input);
   if (with_normals() && progress >= p.normal_from)
-    input.weight_normal = static_cast<float>(p.weight_normal);
+    input.weight_normal = static_cast<float>(growth_.weight_normal);
   if (state_.compaction.prunings > 0) set_compaction_schedule(input);
   perceptual_.apply(settings_.seed, view_index, progress, input);
   if (ranks_.ranks() != nullptr) {
@@ -254,7 +258,7 @@ Status Trainer::densify() {
   if (!plan.grow && !plan.replace) return {};
   STGS_TRY(read_steps());
   const DensifyContext context{capture_.extent, ablation_.modulation, !ablation_.densification,
-                               settings_.seed};
+                               settings_.seed, free_space_};
   const bool reset = plan.grow && static_cast<int>(state_.opacity_resets) < plan.resets_due;
   STGS_ASSIGN(const DensifyCounts counts,
               backend_->densify({&growth_, context, plan.replace, reset}));

@@ -52,7 +52,7 @@ class Trainer {
   bool finished() const { return run_progress() >= 1.0; }
   // The coupled representation trains without L_n. Its axes are eigenvectors of the learnt
   // covariance, whose gradient has a pole if two have equal length, as initially all have.
-  bool with_normals() const { return parameters_.weight_normal > 0 && !state_.is_coupled(); }
+  bool with_normals() const { return growth_.weight_normal > 0 && !state_.is_coupled(); }
   // Returns the error of a frame that cannot be read.
   Result<StepInput> step_input();
   double progress_at(std::uint64_t iteration) const;
@@ -128,6 +128,7 @@ class Trainer {
   TrainSettings settings_;
   HyperParameters parameters_;
   HyperParameters growth_;  // growth_parameters()
+  FreeSpace free_space_;
   Ablation ablation_;
   PerceptualTerm perceptual_;
   ProgressSink progress_;

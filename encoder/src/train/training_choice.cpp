@@ -12,6 +12,7 @@
 #include "stgs/format/math/sh.h"
 #include "train/checkpoint.h"
 #include "train/densify_plan.h"
+#include "train/rig.h"
 
 namespace stgs::encoder {
 namespace {
@@ -172,6 +173,7 @@ Result<TrainingChoice> choose_training(const TrainSettings& settings) {
 HyperParameters growth_parameters(const HyperParameters& parameters, const TrainSettings& settings,
                                   const PreparedCapture& capture) {
   HyperParameters out = parameters;
+  if (!is_overridden(settings, "weight_normal")) out.weight_normal *= rig_sparsity(capture);
   const double limit = byte_limit(settings, capture.time_base, capture.frames);
   if (limit == 0 || settings.max_primitives > 0 || is_overridden(settings, "max_primitives"))
     return out;
@@ -222,7 +224,7 @@ TrainPlan train_plan(const TrainingChoice& choice, const PerceptualTerm& percept
 }
 
 Status check_training(const TrainSettings& settings, const PreparedCapture* capture) {
-  STGS_ASSIGN(const TrainingChoice choice, choose_training(settings));
+  STGS_ASSIGN(TrainingChoice choice, choose_training(settings));
   STGS_ASSIGN(const std::unique_ptr<TrainBackend> backend, make_backend(settings.backend));
   const auto silent = [](int, const std::string&) {};
   STGS_ASSIGN(const PerceptualTerm perceptual,
@@ -234,6 +236,8 @@ Status check_training(const TrainSettings& settings, const PreparedCapture* capt
     STGS_TRY(check_same_run(settings.resume, checkpoint.fingerprint,
                             fingerprint_of(choice.parameters, settings)));
   }
+  if (capture != nullptr)
+    choice.parameters = growth_parameters(choice.parameters, settings, *capture);
   return backend->reserve(train_plan(choice, perceptual, cameras));
 }
 

@@ -18,9 +18,11 @@ struct TrainingChoice {
 // Resolves the settings. kUsage for an invalid setting or one that has no effect.
 Result<TrainingChoice> choose_training(const TrainSettings& settings);
 
-// Returns the parameters of a run that grows. A limit of the file also limits the primitives before
-// the compaction, unless their number is set: from many more than remain in the end, it would have
-// to remove primitives that the others then cannot replace.
+// Returns the parameters of a run that grows.
+// - A limit of the file also limits the primitives before the compaction, unless their number is
+//   set: from many more than remain in the end, it would have to remove primitives that the others
+//   then cannot replace.
+// - L_n is for sparse rigs (rig.h); elsewhere its weight is smaller or 0, unless it is set.
 HyperParameters growth_parameters(const HyperParameters& parameters, const TrainSettings& settings,
                                   const PreparedCapture& capture);
 

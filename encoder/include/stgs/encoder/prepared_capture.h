@@ -4,7 +4,7 @@
 //   capture.json            cameras, split, frames, time base, origin
 //   frames/CAM/NNNNNN.png   (or .jpg) undistorted frames, one size per camera
 //   masks/CAM/NNNNNN.png    8-bit motion masks, 255 = moving; optional for each camera
-//   points_static.ply       initial points: x y z red green blue
+//   points_static.ply       initial points: x y z red green blue, and nx ny nz if any has a normal
 //   points_dynamic.ply      initial points: x y z red green blue vx vy vz frame
 //   report/                 index.html and its images, for visual inspection
 #pragma once
@@ -79,6 +79,7 @@ struct InitialPoint {
   std::uint8_t colour[3];  // RGB
   float velocity[3];       // scene units per frame, as measured
   int frame;               // index in [0, frames), or -1
+  float normal[3];         // unit normal of the surface; 0: unknown
 };
 
 // Reads and validates capture.json in `folder`. Does not open the frames. Unless `allow_outside`,

@@ -63,7 +63,8 @@ Result<DensifyCounts> Densifier::grow(DeviceState& state, const HyperParameters&
   const DensifyRules rules = densify_rules(parameters, context);
   const std::size_t before = state.primitives().n;
   STGS_TRY(clear_totals(stream));
-  launch_mark_survivors(state.primitives(), rules, w.tile_counts, totals_.data(), stream);
+  launch_mark_survivors(state.primitives(), rules, context.free_space, w.tile_counts,
+                        totals_.data(), stream);
   STGS_ASSIGN(DensifyTotals totals, read_totals(stream));
   DensifyCounts counts;
   counts.non_finite = totals.non_finite;
@@ -98,7 +99,7 @@ Result<DensifyCounts> Densifier::replace(DeviceState& state, const HyperParamete
   if (p.n == 0) return counts;
   const DensifyRules rules = densify_rules(parameters, context);
   STGS_TRY(clear_totals(stream));
-  launch_mark_survivors(p, rules, w.tile_counts, totals_.data(), stream);
+  launch_mark_survivors(p, rules, context.free_space, w.tile_counts, totals_.data(), stream);
   // E's 99th percentile counts as 1. Errors are not negative, so they sort like their bits.
   const auto* errors = reinterpret_cast<const std::uint32_t*>(p.error_max);
   sort_indices(w, errors, w.depth_sorted, w.order, p.n, kAllBits, stream);

@@ -51,11 +51,12 @@ __device__ void add(std::uint32_t* total, bool one) {
   if ((threadIdx.x & 31) == 0 && mask != 0) atomicAdd(total, __popc(mask));
 }
 
-__global__ void mark_survivors(const Primitives p, const DensifyRules rules, std::uint32_t* flags,
-                               DensifyTotals* totals) {
+__global__ void mark_survivors(const Primitives p, const DensifyRules rules, const FreeSpace space,
+                               std::uint32_t* flags, DensifyTotals* totals) {
   const std::uint32_t i = thread_index();
   const bool valid = i < p.n && is_finite(p, i);
-  const bool survivor = valid && survives(rules, p.values[kOpacity][i], read3(p.log_scale, i));
+  const bool survivor = valid && survives(rules, p.values[kOpacity][i], read3(p.log_scale, i)) &&
+                        !in_free_space(space, read3(p.values[kPosition], i));
   if (i < p.n) flags[i] = survivor;
   add(&totals->survivors, survivor);
   add(&totals->non_finite, i < p.n && !valid);
@@ -215,9 +216,9 @@ __global__ void reset_opacity(const Primitives p, float cap) {
 
 }  // namespace
 
-void launch_mark_survivors(const Primitives& p, const DensifyRules& rules, std::uint32_t* flags,
-                           DensifyTotals* totals, cudaStream_t stream) {
-  mark_survivors<<<blocks_of(p.n, kBlock), kBlock, 0, stream>>>(p, rules, flags, totals);
+void launch_mark_survivors(const Primitives& p, const DensifyRules& rules, const FreeSpace& space,
+                           std::uint32_t* flags, DensifyTotals* totals, cudaStream_t stream) {
+  mark_survivors<<<blocks_of(p.n, kBlock), kBlock, 0, stream>>>(p, rules, space, flags, totals);
 }
 
 void launch_list(std::uint32_t n, const std::uint32_t* flags, std::uint32_t value,

@@ -19,8 +19,8 @@ struct RandomKey {
 };
 
 // Sets flags[i] to 1 if primitive i survives pruning, else 0; counts survivors and non_finite.
-void launch_mark_survivors(const Primitives& p, const DensifyRules& rules, std::uint32_t* flags,
-                           DensifyTotals* totals, cudaStream_t stream);
+void launch_mark_survivors(const Primitives& p, const DensifyRules& rules, const FreeSpace& space,
+                           std::uint32_t* flags, DensifyTotals* totals, cudaStream_t stream);
 // Lists the primitives whose flag equals `value`: list[slots[i]] = i.
 void launch_list(std::uint32_t n, const std::uint32_t* flags, std::uint32_t value,
                  const std::uint32_t* slots, std::uint32_t* list, cudaStream_t stream);

@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: Apache-2.0
+// Stereo of one image against others: planes through pixels, and the projections between the
+// cameras. Shared by the CPU and CUDA. Camera axes are OpenCV's; pixel centres are at +0.5.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "math/grad.h"
+#include "stgs/format/math/project.h"
+
+namespace stgs::encoder::geometry {
+
+using math::Mat3;
+using math::Vec3;
+
+inline constexpr int kMaxSources = 4;  // images that one is compared with
+
+// The plane of a pixel in camera space, through the pixel's ray at a depth.
+struct Hypothesis {
+  float depth;  // camera z, scene units
+  Vec3 normal;  // unit, faces the camera
+};
+
+// A grey image and its camera. `corners` packs the pixel and its neighbours to the right, below,
+// and below right, in this order from the lowest byte; those beyond the border repeat it.
+struct StereoImage {
+  const std::uint32_t* corners;  // width x height
+  const float* depth;            // of an earlier pass, width x height, scene units; or null
+  int width, height;
+  float fx, fy, cx, cy;  // pixels
+};
+
+struct StereoSource {
+  StereoImage image;
+  // From the reference's camera space to the source's.
+  Mat3 rotation;
+  Vec3 translation;
+};
+
+struct StereoProblem {
+  StereoImage reference;
+  StereoSource sources[kMaxSources];
+  int source_count;
+  float nearest, farthest;  // depths, scene units
+  // Cost of a pixel of reprojection error with the depths of an earlier pass; 0: none is used.
+  float consistency;
+};
+
+STGS_FN Vec3 ray_at(StereoImage image, float u, float v) {
+  return math::vec3_of((u - image.cx) / image.fx, (v - image.cy) / image.fy, 1.0f);
+}
+
+// Grey value of pixel (x, y), 0 to 255.
+STGS_FN float grey_at(StereoImage image, int x, int y) {
+  const std::size_t at = static_cast<std::size_t>(y) * static_cast<std::size_t>(image.width);
+  return static_cast<float>(image.corners[at + static_cast<std::size_t>(x)] & 0xFFu);
+}
+
+// Returns the homography from pixels of the reference to those of the source, through the plane at
+// image position (u, v): K_s (R + t n' / n'x) K_r^-1, with x on the plane.
+STGS_FN Mat3 plane_homography(StereoImage reference, StereoSource source, float u, float v,
+                              Hypothesis plane) {
+  const Vec3 point = math::vec3_scale(ray_at(reference, u, v), plane.depth);
+  const Vec3 n = math::vec3_scale(plane.normal, 1.0f / math::dot3(plane.normal, point));
+  const Vec3 t = source.translation;
+  const Mat3 r = source.rotation;
+  const Vec3 row_x = math::vec3_of(r.xx + t.x * n.x, r.xy + t.x * n.y, r.xz + t.x * n.z);
+  const Vec3 row_y = math::vec3_of(r.yx + t.y * n.x, r.yy + t.y * n.y, r.yz + t.y * n.z);
+  const Vec3 row_z = math::vec3_of(r.zx + t.z * n.x, r.zy + t.z * n.y, r.zz + t.z * n.z);
+  const StereoImage s = source.image;
+  const Vec3 a = math::vec3_add(math::vec3_scale(row_x, s.fx), math::vec3_scale(row_z, s.cx));
+  const Vec3 b = math::vec3_add(math::vec3_scale(row_y, s.fy), math::vec3_scale(row_z, s.cy));
+  const float ix = 1.0f / reference.fx, iy = 1.0f / reference.fy;
+  const float ox = reference.cx * ix, oy = reference.cy * iy;
+  Mat3 h;
+  h.xx = a.x * ix;
+  h.xy = a.y * iy;
+  h.xz = a.z - a.x * ox - a.y * oy;
+  h.yx = b.x * ix;
+  h.yy = b.y * iy;
+  h.yz = b.z - b.x * ox - b.y * oy;
+  h.zx = row_z.x * ix;
+  h.zy = row_z.y * iy;
+  h.zz = row_z.z - row_z.x * ox - row_z.y * oy;
+  return h;
+}
+
+// Returns how far the point at a depth returns from where it started, if it is projected into the
+// source and back from the source's depth there, pixels; `none` where the source has no depth.
+STGS_FN float reprojection_error(StereoImage reference, StereoSource source, float u, float v,
+                                 float depth, float none) {
+  const StereoImage s = source.image;
+  const Vec3 point = math::vec3_scale(ray_at(reference, u, v), depth);
+  const Vec3 there = math::vec3_add(math::mat3_mul(source.rotation, point), source.translation);
+  if (!(there.z > 0.0f)) return none;
+  const float su = s.fx * there.x / there.z + s.cx, sv = s.fy * there.y / there.z + s.cy;
+  if (!(su >= 0.0f && sv >= 0.0f && su < static_cast<float>(s.width) &&
+        sv < static_cast<float>(s.height)))
+    return none;
+  const std::size_t row = static_cast<std::size_t>(sv) * static_cast<std::size_t>(s.width);
+  const float found = s.depth[row + static_cast<std::size_t>(su)];
+  if (!(found > 0.0f)) return none;
+  const Vec3 seen = math::vec3_scale(ray_at(s, su, sv), found);
+  const Vec3 back = math::mat3_transpose_mul(
+      source.rotation, math::vec3_add(seen, math::vec3_scale(source.translation, -1.0f)));
+  if (!(back.z > 0.0f)) return none;
+  const float du = reference.fx * back.x / back.z + reference.cx - u;
+  const float dv = reference.fy * back.y / back.z + reference.cy - v;
+  return std::sqrt(du * du + dv * dv);
+}
+
+// Returns the normal of unit length that faces the camera along the ray of (u, v).
+STGS_FN Vec3 facing(StereoImage image, float u, float v, Vec3 normal) {
+  const float length = std::sqrt(math::dot3(normal, normal));
+  if (!(length > 1e-6f)) return math::vec3_of(0.0f, 0.0f, -1.0f);
+  const float sign = math::dot3(normal, ray_at(image, u, v)) > 0.0f ? -1.0f : 1.0f;
+  return math::vec3_scale(normal, sign / length);
+}
+
+// Returns the plane of pixel (from_u, from_v) as the hypothesis of pixel (u, v); depth 0 if it
+// meets that pixel's ray outside the depth range.
+STGS_FN Hypothesis moved_plane(StereoProblem problem, Hypothesis plane, float from_u, float from_v,
+                               float u, float v) {
+  const float before = math::dot3(plane.normal, ray_at(problem.reference, from_u, from_v));
+  const float now = math::dot3(plane.normal, ray_at(problem.reference, u, v));
+  plane.depth = now < -1e-4f ? plane.depth * before / now : 0.0f;
+  if (!(plane.depth >= problem.nearest && plane.depth <= problem.farthest)) plane.depth = 0.0f;
+  return plane;
+}
+
+}  // namespace stgs::encoder::geometry

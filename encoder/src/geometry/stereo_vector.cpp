@@ -1,0 +1,123 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "geometry/stereo_rows.h"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "geometry/stereo_vector.cpp"
+#include <hwy/foreach_target.h>
+// Must follow foreach_target.h, which includes this file once per target.
+#include <hwy/highway.h>
+
+HWY_BEFORE_NAMESPACE();
+namespace stgs::encoder::geometry::HWY_NAMESPACE {
+namespace {
+
+namespace hn = hwy::HWY_NAMESPACE;
+using Tag = hn::CappedTag<float, 16>;
+using V = hn::Vec<Tag>;
+
+constexpr int kLanes = static_cast<int>(hn::MaxLanes(Tag()));
+// Vectors beyond these hold only padding.
+constexpr int kVectors = (kSupportSize + kLanes - 1) / kLanes;
+static_assert(kVectors * kLanes <= kSupportPadded);
+
+// Byte k of each lane, as a float.
+template <int kByte, class I>
+HWY_INLINE V corner(I corners) {
+  const hn::RebindToUnsigned<Tag> du;
+  const hn::RebindToSigned<Tag> di;
+  const auto byte = hn::And(hn::ShiftRight<8 * kByte>(corners), hn::Set(du, 0xFFu));
+  return hn::ConvertTo(Tag(), hn::BitCast(di, byte));
+}
+
+// Sums over the pixels of a support, a vector at a time.
+class VectorSums {
+ public:
+  VectorSums() {
+    for (int k = 0; k < kSupportPadded; ++k) {
+      const bool padding = k >= kSupportSize;
+      x_[k] = padding ? 0.0f : static_cast<float>(support_offset(k % kSupportSide));
+      y_[k] = padding ? 0.0f : static_cast<float>(support_offset(k / kSupportSide));
+    }
+  }
+
+  SupportSums operator()(const StereoImage& source, const Mat3& h, const Support& support, int x,
+                         int y) const {
+    const Tag d;
+    const float u = static_cast<float>(x) + 0.5f, v = static_cast<float>(y) + 0.5f;
+    const V x_at = hn::Set(d, h.xx * u + h.xy * v + h.xz);
+    const V y_at = hn::Set(d, h.yx * u + h.yy * v + h.yz);
+    const V z_at = hn::Set(d, h.zx * u + h.zy * v + h.zz);
+    V b = hn::Zero(d), bb = b, ab = b;
+    for (int k = 0; k < kVectors * kLanes; k += kLanes) {
+      const V dx = hn::Load(d, x_ + k), dy = hn::Load(d, y_ + k);
+      const V z = hn::MulAdd(hn::Set(d, h.zx), dx, hn::MulAdd(hn::Set(d, h.zy), dy, z_at));
+      const V unit = hn::Div(hn::Set(d, 1.0f), hn::Max(z, hn::Set(d, 1e-9f)));
+      const V su = hn::MulAdd(hn::Set(d, h.xx), dx, hn::MulAdd(hn::Set(d, h.xy), dy, x_at));
+      const V sv = hn::MulAdd(hn::Set(d, h.yx), dx, hn::MulAdd(hn::Set(d, h.yy), dy, y_at));
+      const V value = grey(source, hn::Mul(su, unit), hn::Mul(sv, unit));
+      const V weighted = hn::Mul(hn::LoadU(d, support.weight + k), value);
+      b = hn::Add(b, weighted);
+      bb = hn::MulAdd(weighted, value, bb);
+      ab = hn::MulAdd(hn::LoadU(d, support.weighted + k), value, ab);
+    }
+    return {hn::GetLane(hn::SumOfLanes(d, b)), hn::GetLane(hn::SumOfLanes(d, bb)),
+            hn::GetLane(hn::SumOfLanes(d, ab))};
+  }
+
+ private:
+  // grey_between().
+  static HWY_INLINE V grey(const StereoImage& source, V u, V v) {
+    const Tag d;
+    const hn::RebindToSigned<Tag> di;
+    const hn::RebindToUnsigned<Tag> du;
+    const V half = hn::Set(d, 0.5f), zero = hn::Zero(d);
+    const V last_x = hn::Set(d, static_cast<float>(source.width - 1));
+    const V last_y = hn::Set(d, static_cast<float>(source.height - 1));
+    const V x = hn::Min(hn::Max(hn::Sub(u, half), zero), last_x);
+    const V y = hn::Min(hn::Max(hn::Sub(v, half), zero), last_y);
+    const auto x0 = hn::ConvertTo(di, x), y0 = hn::ConvertTo(di, y);
+    const V ax = hn::Sub(x, hn::ConvertTo(d, x0)), ay = hn::Sub(y, hn::ConvertTo(d, y0));
+    const auto index = hn::Add(hn::Mul(y0, hn::Set(di, source.width)), x0);
+    const auto corners = hn::GatherIndex(du, source.corners, index);
+    const V left = corner<0>(corners), below_left = corner<2>(corners);
+    const V above = hn::MulAdd(ax, hn::Sub(corner<1>(corners), left), left);
+    const V below = hn::MulAdd(ax, hn::Sub(corner<3>(corners), below_left), below_left);
+    return hn::MulAdd(ay, hn::Sub(below, above), above);
+  }
+
+  HWY_ALIGN float x_[kSupportPadded], y_[kSupportPadded];
+};
+
+void start(const StereoProblem& problem, const PlaneMap& map, int y, std::uint64_t seed) {
+  const VectorSums sums;
+  for (int x = 0; x < problem.reference.width; ++x) start_pixel(problem, map, x, y, seed, sums);
+}
+
+void update(const StereoProblem& problem, const PlaneMap& map, int y, int colour, int iteration,
+            std::uint64_t seed) {
+  const VectorSums sums;
+  for (int x = (y + colour) & 1; x < problem.reference.width; x += 2)
+    update_pixel(problem, map, x, y, iteration, seed, sums);
+}
+
+}  // namespace
+}  // namespace stgs::encoder::geometry::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace stgs::encoder::geometry {
+
+HWY_EXPORT(start);
+HWY_EXPORT(update);
+
+void start_row(const StereoProblem& problem, const PlaneMap& map, int y, std::uint64_t seed) {
+  HWY_DYNAMIC_DISPATCH(start)(problem, map, y, seed);
+}
+
+void update_row(const StereoProblem& problem, const PlaneMap& map, int y, int colour, int iteration,
+                std::uint64_t seed) {
+  HWY_DYNAMIC_DISPATCH(update)(problem, map, y, colour, iteration, seed);
+}
+
+}  // namespace stgs::encoder::geometry
+#endif

@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+// Depth and normals of static images by multi-view stereo, for rigs too sparse for a plane sweep.
+#pragma once
+
+#include <opencv2/core.hpp>
+#include <vector>
+
+#include "init/view.h"
+#include "init/work.h"
+
+namespace stgs::encoder::init {
+
+struct StaticImage;
+struct StaticScene;
+
+// What stereo confirms in one view.
+struct StereoDepth {
+  cv::Mat depth;   // CV_32F, scene units; 0: not confirmed
+  cv::Mat normal;  // CV_32FC3, world space, unit, faces the camera
+  cv::Mat cost;    // CV_32F, in [0, 1]
+};
+
+// Matches the images at half their size, or less, within the scene's depth range. Returns one
+// result per image, or none if the rig is dense (rig.h), where a sweep is as good.
+Result<std::vector<StereoDepth>> match_static(const std::vector<StaticImage>& inputs,
+                                              const StaticScene& scene, Work& work);
+
+}  // namespace stgs::encoder::init

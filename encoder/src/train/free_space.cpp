@@ -1,0 +1,122 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "train/free_space.h"
+
+#include <algorithm>
+#include <cmath>
+#include <tuple>
+#include <vector>
+
+#include "train/initial_points.h"
+#include "train/rig.h"
+
+namespace stgs::encoder {
+namespace {
+
+// Part of the depth of the nearest content that is taken to be empty.
+constexpr float kEmptyShare = 0.7f;
+constexpr float kMarginShare = 0.15f;  // of the empty depth
+// Content is as near as this quantile of the depths of the points in the view. That of the points
+// of moving content, of which many are wrong, is larger.
+constexpr double kStaticQuantile = 0.01, kDynamicQuantile = 0.05;
+constexpr std::size_t kMinPoints = 50;  // in the view
+constexpr double kMaxPairAngle = 75;    // of cameras with a view between them, degrees
+constexpr int kPairs = 2;               // views between a camera and others, at most
+
+// A camera with the rotation of `a` turned halfway to that of `b`, at the middle of their centres.
+Camera between(const Camera& a, const Camera& b) {
+  Camera camera = a;
+  // The mean of two rotation matrices, made orthonormal; their angle is below 180 degrees.
+  double rows[3][3];
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c) rows[r][c] = a.rotation[3 * r + c] + b.rotation[3 * r + c];
+  }
+  const auto normalise = [](double* v) {
+    const double length = std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+    for (int c = 0; c < 3; ++c) v[c] /= length;
+  };
+  normalise(rows[2]);
+  const double along = rows[0][0] * rows[2][0] + rows[0][1] * rows[2][1] + rows[0][2] * rows[2][2];
+  for (int c = 0; c < 3; ++c) rows[0][c] -= along * rows[2][c];
+  normalise(rows[0]);
+  for (int c = 0; c < 3; ++c) {
+    const int d = (c + 1) % 3, e = (c + 2) % 3;
+    rows[1][c] = rows[2][d] * rows[0][e] - rows[2][e] * rows[0][d];
+  }
+  const RigPose pa = rig_pose(a), pb = rig_pose(b);
+  for (int r = 0; r < 3; ++r) {
+    camera.translation[r] = 0;
+    for (int c = 0; c < 3; ++c) {
+      camera.rotation[3 * r + c] = rows[r][c];
+      camera.translation[r] -= rows[r][c] * 0.5 * (pa.centre[c] + pb.centre[c]);
+    }
+  }
+  return camera;
+}
+
+// The training cameras, then those between neighbours, nearest pairs first.
+std::vector<Camera> views_of(const PreparedCapture& capture) {
+  std::vector<Camera> views;
+  for (const Camera& camera : capture.cameras) {
+    if (!camera.test) views.push_back(camera);
+  }
+  const std::vector<RigPose> poses = training_poses(capture);
+  using Pair = std::tuple<double, std::size_t, std::size_t>;
+  std::vector<Pair> pairs;
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    std::vector<Pair> own;
+    for (std::size_t j = 0; j < poses.size(); ++j) {
+      const double angle = rig_angle(poses[i], poses[j], capture.scene_centre);
+      if (j != i && angle < kMaxPairAngle) own.emplace_back(angle, std::min(i, j), std::max(i, j));
+    }
+    std::sort(own.begin(), own.end());
+    own.resize(std::min<std::size_t>(own.size(), kPairs));
+    pairs.insert(pairs.end(), own.begin(), own.end());
+  }
+  std::sort(pairs.begin(), pairs.end());
+  pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
+  for (const auto& [angle, i, j] : pairs) views.push_back(between(views[i], views[j]));
+  if (views.size() > kMaxEmptyViews) views.resize(kMaxEmptyViews);
+  return views;
+}
+
+// The quantile of the depths of the points that the camera sees; infinite for too few points.
+float near_depth(const math::PinholeCamera& camera, const std::vector<InitialPoint>& points,
+                 double quantile) {
+  std::vector<float> depths;
+  for (const InitialPoint& point : points) {
+    const math::Vec3 p =
+        math::to_camera(camera, {point.position[0], point.position[1], point.position[2]});
+    if (!(p.z > 0)) continue;
+    const float u = camera.fx * p.x / p.z + camera.cx, v = camera.fy * p.y / p.z + camera.cy;
+    if (u >= 0 && v >= 0 && u < camera.width && v < camera.height) depths.push_back(p.z);
+  }
+  if (depths.size() < kMinPoints) return INFINITY;
+  const auto at = depths.begin() +
+                  static_cast<std::ptrdiff_t>(quantile * static_cast<double>(depths.size() - 1));
+  std::nth_element(depths.begin(), at, depths.end());
+  return *at;
+}
+
+}  // namespace
+
+Result<FreeSpace> find_free_space(const PreparedCapture& capture) {
+  FreeSpace space;
+  if (!(rig_sparsity(capture) > 0)) return space;
+  STGS_ASSIGN(const InitialPoints points, read_initial_points(capture));
+  for (const Camera& camera : views_of(capture)) {
+    const math::PinholeCamera pinhole = camera.pinhole(0.0f);
+    const float nearest = std::min(near_depth(pinhole, points.statics, kStaticQuantile),
+                                   near_depth(pinhole, points.dynamics, kDynamicQuantile));
+    if (!std::isfinite(nearest)) continue;
+    EmptyView& view = space.views[space.count++];
+    view.rotation = pinhole.rotation;
+    view.translation = pinhole.translation;
+    view.tan_x = 0.5f * pinhole.width / pinhole.fx;
+    view.tan_y = 0.5f * pinhole.height / pinhole.fy;
+    view.depth = kEmptyShare * nearest;
+    view.margin = kMarginShare * view.depth;
+  }
+  return space;
+}
+
+}  // namespace stgs::encoder

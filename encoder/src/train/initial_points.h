@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: Apache-2.0
+// The points of a prepared capture that training starts from.
+#pragma once
+
+#include <vector>
+
+#include "stgs/encoder/prepared_capture.h"
+
+namespace stgs::encoder {
+
+struct InitialPoints {
+  std::vector<InitialPoint> statics;
+  std::vector<InitialPoint> dynamics;  // of the capture's frames; `frame` counts from frame 0
+};
+
+// Reads the points of a capture, or of the window that it describes. kIo if a file that `stgs
+// prepare` always writes is missing, kInvalidFile for a frame that the capture does not have.
+Result<InitialPoints> read_initial_points(const PreparedCapture& capture);
+
+}  // namespace stgs::encoder

@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+// The arrangement of the training cameras, which decides how much training relies on priors.
+#pragma once
+
+#include <vector>
+
+#include "stgs/encoder/prepared_capture.h"
+
+namespace stgs::encoder {
+
+// A camera's position and viewing direction (unit), world space.
+struct RigPose {
+  double centre[3];
+  double forward[3];
+};
+
+RigPose rig_pose(const Camera& camera);
+
+// Returns the poses of the training cameras, in the capture's order.
+std::vector<RigPose> training_poses(const PreparedCapture& capture);
+
+// Returns the angle between two cameras, degrees: the larger of the angle between their viewing
+// directions and of that under which `scene` sees them.
+double rig_angle(const RigPose& a, const RigPose& b, const double scene[3]);
+
+// Returns how sparse a rig is: 1 if views between its cameras are poorly determined by the images,
+// 0 if priors would only cost detail. It falls from 1 to 0 as the number of cameras grows from 17
+// to 27, and as the angle between neighbours falls from 17 to 12 degrees.
+double rig_sparsity(const std::vector<RigPose>& poses, const double scene[3]);
+double rig_sparsity(const PreparedCapture& capture);
+
+}  // namespace stgs::encoder
