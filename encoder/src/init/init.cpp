@@ -115,7 +115,8 @@ Status find_static(State& state) {
   state.work.log(fmt::format("depth range: {:.3g} to {:.3g}", state.scene.range.nearest,
                              state.scene.range.farthest));
   state.work.stage("static depth", 2);
-  return find_static_depth(backgrounds[0], state.work, &state.scene);
+  STGS_TRY(find_static_depth(backgrounds[0], state.work, &state.scene));
+  return refine_static_depth(backgrounds[0], state.work, &state.scene);
 }
 
 // Returns the points that came with the capture, except those on dynamic content in frame 0.

@@ -185,9 +185,22 @@ cv::Mat fill_depth(const cv::Mat& depth, const cv::Mat& weight, double fallback)
   return out;
 }
 
+// Returns a range around the depths of most pixels. Sweeps of sparse rigs have outliers, which
+// stereo would find again if the range included them.
+DepthRange surface_range(const std::vector<Surface>& surfaces) {
+  std::vector<float> depths;
+  for (const Surface& surface : surfaces)
+    depths.insert(depths.end(), surface.depth.begin<float>(), surface.depth.end<float>());
+  const auto quantile = [&depths](double q) {
+    const auto at = depths.begin() + std::ptrdiff_t(q * double(depths.size() - 1));
+    std::nth_element(depths.begin(), at, depths.end());
+    return double(*at);
+  };
+  return {0.5 * quantile(0.01), 2 * quantile(0.99), true};
+}
+
 // Replaces swept depth where stereo has confirmed another.
-void prefer_stereo(const StereoDepth& stereo, const cv::Mat& usable, DepthMap* swept,
-                   Surface* surface) {
+void prefer_stereo(const StereoDepth& stereo, const cv::Mat& usable, Surface* surface) {
   const auto scaled = [size = surface->weight.size()](const cv::Mat& map) {
     cv::Mat out;
     cv::resize(map, out, size, 0, 0, cv::INTER_NEAREST);
@@ -195,7 +208,7 @@ void prefer_stereo(const StereoDepth& stereo, const cv::Mat& usable, DepthMap* s
   };
   const cv::Mat depth = scaled(stereo.depth);
   const cv::Mat confirmed = (depth > 0) & usable;
-  depth.copyTo(swept->depth, confirmed);
+  depth.copyTo(surface->depth, confirmed);
   const cv::Mat weight = kStereoWeight + 1 - scaled(stereo.cost);
   weight.copyTo(surface->weight, confirmed);
   surface->normal = cv::Mat(surface->weight.size(), CV_32FC3, cv::Scalar(0));
@@ -279,7 +292,6 @@ Status find_static_depth(const std::vector<StaticImage>& inputs, Work& work, Sta
   Sweeps sweeps;
   max_side = std::min(kDepthMaxSide, max_side);
   STGS_TRY(sweep_all(inputs, {scene->focus, scene->range, max_side, 32, 96}, work, &sweeps));
-  STGS_ASSIGN(const std::vector<StereoDepth> stereo, match_static(inputs, *scene, work));
   scene->surfaces.resize(inputs.size());
   scene->usable.resize(inputs.size());
   return work.for_each(int(inputs.size()), [&](int i) -> Status {
@@ -289,10 +301,21 @@ Status find_static_depth(const std::vector<StaticImage>& inputs, Work& work, Sta
     scene->usable[i] = sweeps.images[i].usable;
     surface.weight = check_across(sweeps, i, scene->focus.point);
     drop_islands(sweeps.maps[i], scene->range.nearest, sweeps.steps[i], &surface.weight);
-    if (!stereo.empty()) prefer_stereo(stereo[i], scene->usable[i], &sweeps.maps[i], &surface);
     surface.depth = fill_depth(sweeps.maps[i].depth, surface.weight, 0.7 * scene->range.farthest);
     return {};
   });
+}
+
+Status refine_static_depth(const std::vector<StaticImage>& inputs, Work& work, StaticScene* scene) {
+  const DepthRange range = surface_range(scene->surfaces);
+  STGS_ASSIGN(const std::vector<StereoDepth> stereo,
+              match_static(inputs, scene->focus.point, range, work));
+  for (std::size_t i = 0; i < stereo.size(); ++i) {
+    Surface& surface = scene->surfaces[i];
+    prefer_stereo(stereo[i], scene->usable[i], &surface);
+    surface.depth = fill_depth(surface.depth, surface.weight, 0.7 * scene->range.farthest);
+  }
+  return {};
 }
 
 void choose_static_points(const std::vector<SurfacePoint>& sparse, int limit, StaticScene* scene) {

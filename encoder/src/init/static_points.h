@@ -41,6 +41,10 @@ Status find_depth_range(const std::vector<std::vector<StaticImage>>& inputs, Wor
 // Computes the dense depth of every image, confirmed across views. Holes are interpolated.
 Status find_static_depth(const std::vector<StaticImage>& inputs, Work& work, StaticScene* scene);
 
+// Improves that depth, and adds normals, by stereo for a sparse rig (rig.h), whose sweeps find
+// little. Stage "stereo".
+Status refine_static_depth(const std::vector<StaticImage>& inputs, Work& work, StaticScene* scene);
+
 // Selects at most `limit` points: from `sparse` first, then confirmed depth, then interpolated
 // depth.
 void choose_static_points(const std::vector<SurfacePoint>& sparse, int limit, StaticScene* scene);

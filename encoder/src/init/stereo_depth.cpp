@@ -11,8 +11,6 @@
 namespace stgs::encoder::init {
 namespace {
 
-// The range that was measured by a coarse sweep may miss surfaces at its ends.
-constexpr double kNearShare = 0.6, kFarShare = 1.6;
 // Full size gives no better points (basketball, workshop_ring), but takes four times as long.
 constexpr int kMinSide = 160, kMaxSide = 320;  // longer side of the images, pixels
 
@@ -59,23 +57,24 @@ StereoDepth depth_of(const geometry::StereoView& view, const geometry::StereoMap
 }  // namespace
 
 Result<std::vector<StereoDepth>> match_static(const std::vector<StaticImage>& inputs,
-                                              const StaticScene& scene, Work& work) {
+                                              const cv::Vec3d& focus, const DepthRange& range,
+                                              Work& work) {
   std::vector<StereoDepth> depths;
   std::vector<View> views;
   for (const StaticImage& input : inputs) {
     const int half = std::max(input.view.camera->width, input.view.camera->height) / 2;
     views.push_back(make_view(*input.view.camera, std::clamp(half, kMinSide, kMaxSide)));
   }
-  if (!(sparsity_of(views, scene.focus.point) > 0)) return depths;
+  if (!(sparsity_of(views, focus) > 0)) return depths;
   work.stage("stereo", geometry::kStereoLoops);
   std::vector<geometry::StereoView> images;
   for (std::size_t i = 0; i < views.size(); ++i) {
     images.push_back(stereo_view(views[i], inputs[i].rgb));
-    images.back().sources = neighbours(views, int(i), scene.focus.point, geometry::kMaxSources);
+    images.back().sources = neighbours(views, int(i), focus, geometry::kMaxSources);
   }
   geometry::StereoSettings settings;
-  settings.nearest = float(kNearShare * scene.range.nearest);
-  settings.farthest = float(kFarShare * scene.range.farthest);
+  settings.nearest = float(range.nearest);
+  settings.farthest = float(range.farthest);
   Status status;
   const auto loop = [&](int count, const std::function<void(int)>& task) {
     status = work.for_each(count, [&](int i) -> Status {

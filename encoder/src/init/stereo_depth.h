@@ -10,8 +10,8 @@
 
 namespace stgs::encoder::init {
 
+struct DepthRange;
 struct StaticImage;
-struct StaticScene;
 
 // What stereo confirms in one view.
 struct StereoDepth {
@@ -20,9 +20,10 @@ struct StereoDepth {
   cv::Mat cost;    // CV_32F, in [0, 1]
 };
 
-// Matches the images at half their size, or less, within the scene's depth range. Returns one
-// result per image, or none if the rig is dense (rig.h), where a sweep is as good.
+// Matches the images at half their size, or less, within a depth range. Returns one result per
+// image, or none if the rig is dense (rig.h), where a sweep is as good.
 Result<std::vector<StereoDepth>> match_static(const std::vector<StaticImage>& inputs,
-                                              const StaticScene& scene, Work& work);
+                                              const cv::Vec3d& focus, const DepthRange& range,
+                                              Work& work);
 
 }  // namespace stgs::encoder::init

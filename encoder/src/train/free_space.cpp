@@ -13,43 +13,62 @@ namespace stgs::encoder {
 namespace {
 
 // Part of the depth of the nearest content that is taken to be empty.
-constexpr float kEmptyShare = 0.7f;
+constexpr float kEmptyShare = 0.5f;
 constexpr float kMarginShare = 0.15f;  // of the empty depth
-// Content is as near as this quantile of the depths of the points in the view. That of the points
-// of moving content, of which many are wrong, is larger.
-constexpr double kStaticQuantile = 0.01, kDynamicQuantile = 0.05;
+// Content is as near as this quantile of the depths of the points in the view. That of moving
+// content, which comes near a camera for a few frames, is smaller.
+constexpr double kStaticQuantile = 0.01, kDynamicQuantile = 0.002;
 constexpr std::size_t kMinPoints = 50;  // in the view
-constexpr double kMaxPairAngle = 75;    // of cameras with a view between them, degrees
+constexpr double kMaxPairAngle = 50;    // of cameras with a view between them, degrees
 constexpr int kPairs = 2;               // views between a camera and others, at most
 
-// A camera with the rotation of `a` turned halfway to that of `b`, at the middle of their centres.
-Camera between(const Camera& a, const Camera& b) {
-  Camera camera = a;
-  // The mean of two rotation matrices, made orthonormal; their angle is below 180 degrees.
-  double rows[3][3];
-  for (int r = 0; r < 3; ++r) {
-    for (int c = 0; c < 3; ++c) rows[r][c] = a.rotation[3 * r + c] + b.rotation[3 * r + c];
-  }
-  const auto normalise = [](double* v) {
-    const double length = std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-    for (int c = 0; c < 3; ++c) v[c] /= length;
+struct Vector {
+  double x[3];
+};
+
+double dot(const Vector& a, const Vector& b) {
+  return a.x[0] * b.x[0] + a.x[1] * b.x[1] + a.x[2] * b.x[2];
+}
+
+Vector scaled(const Vector& a, double s) {
+  return {{s * a.x[0], s * a.x[1], s * a.x[2]}};
+}
+
+Vector sum(const Vector& a, const Vector& b) {
+  return {{a.x[0] + b.x[0], a.x[1] + b.x[1], a.x[2] + b.x[2]}};
+}
+
+Vector unit(const Vector& a) {
+  return scaled(a, 1 / std::sqrt(dot(a, a)));
+}
+
+// The middle of the arc around `scene` between two positions.
+Vector middle(const Vector& a, const Vector& b, const Vector& scene) {
+  const Vector from_a = sum(a, scaled(scene, -1)), from_b = sum(b, scaled(scene, -1));
+  const double radius = 0.5 * (std::sqrt(dot(from_a, from_a)) + std::sqrt(dot(from_b, from_b)));
+  return sum(scene, scaled(unit(sum(unit(from_a), unit(from_b))), radius));
+}
+
+// A camera between two, turned halfway.
+Camera between(const Camera& a, const Camera& b, const double scene[3]) {
+  const auto row = [&](int r) {
+    Vector mean{};
+    for (int c = 0; c < 3; ++c) mean.x[c] = a.rotation[3 * r + c] + b.rotation[3 * r + c];
+    return mean;
   };
-  normalise(rows[2]);
-  const double along = rows[0][0] * rows[2][0] + rows[0][1] * rows[2][1] + rows[0][2] * rows[2][2];
-  for (int c = 0; c < 3; ++c) rows[0][c] -= along * rows[2][c];
-  normalise(rows[0]);
+  const Vector forward = unit(row(2));
+  const Vector right = unit(sum(row(0), scaled(forward, -dot(row(0), forward))));
+  const RigPose pa = rig_pose(a), pb = rig_pose(b);
+  const auto vector = [](const double* p) { return Vector{{p[0], p[1], p[2]}}; };
+  const Vector centre = middle(vector(pa.centre), vector(pb.centre), vector(scene));
+  Camera camera = a;
   for (int c = 0; c < 3; ++c) {
     const int d = (c + 1) % 3, e = (c + 2) % 3;
-    rows[1][c] = rows[2][d] * rows[0][e] - rows[2][e] * rows[0][d];
+    camera.rotation[c] = right.x[c];
+    camera.rotation[3 + c] = forward.x[d] * right.x[e] - forward.x[e] * right.x[d];
+    camera.rotation[6 + c] = forward.x[c];
   }
-  const RigPose pa = rig_pose(a), pb = rig_pose(b);
-  for (int r = 0; r < 3; ++r) {
-    camera.translation[r] = 0;
-    for (int c = 0; c < 3; ++c) {
-      camera.rotation[3 * r + c] = rows[r][c];
-      camera.translation[r] -= rows[r][c] * 0.5 * (pa.centre[c] + pb.centre[c]);
-    }
-  }
+  for (int r = 0; r < 3; ++r) camera.translation[r] = -dot(vector(camera.rotation + 3 * r), centre);
   return camera;
 }
 
@@ -74,7 +93,9 @@ std::vector<Camera> views_of(const PreparedCapture& capture) {
   }
   std::sort(pairs.begin(), pairs.end());
   pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
-  for (const auto& [angle, i, j] : pairs) views.push_back(between(views[i], views[j]));
+  for (const auto& [angle, i, j] : pairs) {
+    views.push_back(between(views[i], views[j], capture.scene_centre));
+  }
   if (views.size() > kMaxEmptyViews) views.resize(kMaxEmptyViews);
   return views;
 }
