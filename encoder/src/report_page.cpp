@@ -187,6 +187,33 @@ void ReportPage::bars(const BarChart& chart) {
   html_ += "</svg>\n";
 }
 
+void ReportPage::map(const std::string& title, const std::vector<MapCamera>& cameras) {
+  constexpr double kSize = 360, kMargin = 40, kArrow = 26, kDot = 5;
+  if (cameras.empty()) return;
+  Range x, y;
+  for (const MapCamera& camera : cameras) {
+    x.add(camera.x);
+    y.add(camera.y);
+  }
+  const double extent = std::max({x.high - x.low, y.high - y.low, 1e-9});
+  const double scale = (kSize - 2 * kMargin) / extent;
+  const double left = (kWidth - scale * (x.high - x.low)) / 2, top = kTop + kMargin;
+  html_ += open_svg(title, kTop + 2 * kMargin + scale * (y.high - y.low));
+  for (const MapCamera& camera : cameras) {
+    const double px = left + scale * (camera.x - x.low), py = top + scale * (camera.y - y.low);
+    const double length = std::max(1e-9, std::hypot(camera.dx, camera.dy));
+    const double ux = camera.dx / length, uy = camera.dy / length;
+    html_ += fmt::format(
+        "<line x1=\"{:.1f}\" y1=\"{:.1f}\" x2=\"{:.1f}\" y2=\"{:.1f}\" stroke=\"{}\"/>"
+        "<circle cx=\"{:.1f}\" cy=\"{:.1f}\" r=\"{}\" stroke=\"{}\" fill=\"{}\"/>"
+        "<text x=\"{:.1f}\" y=\"{:.1f}\" text-anchor=\"middle\">{}</text>\n",
+        px, py, px + kArrow * ux, py + kArrow * uy, kColours[0], px, py, kDot, kColours[0],
+        camera.hollow ? "white" : kColours[0], px - 16 * ux, py - 16 * uy + 4,
+        escape_html(camera.name));
+  }
+  html_ += "</svg>\n";
+}
+
 Status ReportPage::write(const std::string& folder) const {
   return write_file_atomically(folder + "/index.html",
                                {reinterpret_cast<const std::uint8_t*>(html_.data()), html_.size()});

@@ -9,25 +9,27 @@
 namespace stgs::encoder {
 namespace {
 
-std::vector<InitialPoint> some_points(bool moving) {
+std::vector<InitialPoint> some_points(bool moving, bool with_normals = false) {
   std::vector<InitialPoint> points;
   for (int i = 0; i < 7; ++i) {
     const float f = static_cast<float>(i);
-    InitialPoint p{{f, -f, 0.5f * f}, {static_cast<std::uint8_t>(i), 128, 255}, {0, 0, 0}, -1};
+    InitialPoint p{
+        {f, -f, 0.5f * f}, {static_cast<std::uint8_t>(i), 128, 255}, {0, 0, 0}, -1, {0, 0, 0}};
     if (moving) {
       p.frame = i;
       p.velocity[1] = 0.25f * f;
     }
+    if (with_normals && i % 2 == 0) p.normal[i % 3] = i % 4 == 0 ? 1.0f : -1.0f;
     points.push_back(p);
   }
   return points;
 }
 
 TEST_CASE("initial points round-trip") {
-  for (bool moving : {false, true}) {
+  for (int kind = 0; kind < 4; ++kind) {
     const testing::TemporaryFolder folder;
     const std::string path = folder / "points.ply";
-    const auto points = some_points(moving);
+    const auto points = some_points(kind % 2 == 1, kind >= 2);
     REQUIRE(write_points(path, points).ok());
     const auto back = read_points(path);
     REQUIRE(back.ok());
@@ -37,6 +39,7 @@ TEST_CASE("initial points round-trip") {
         CHECK((*back)[i].position[c] == points[i].position[c]);
         CHECK((*back)[i].colour[c] == points[i].colour[c]);
         CHECK((*back)[i].velocity[c] == points[i].velocity[c]);
+        CHECK((*back)[i].normal[c] == points[i].normal[c]);
       }
       CHECK((*back)[i].frame == points[i].frame);
     }

@@ -257,7 +257,10 @@ TEST_CASE("densification makes the same decisions as on the CPU") {
   HyperParameters parameters = *preset_hyper_parameters("fast");
   for (const bool refining : {false, true}) {
     for (const int max_primitives : {5200, 20000}) {
-      const DensifyContext context{2.0f, true, max_primitives == 20000, 11};
+      DensifyContext context{2.0f, true, max_primitives == 20000, 11, {}};
+      context.free_space.count = 1;
+      context.free_space.views[0] = {
+          {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}, 0.2f, 0.2f, 3.5f, 0.1f};
       INFO((refining ? "replace, " : "grow, ") << "at most " << max_primitives);
       parameters.max_primitives = max_primitives;
       const DensifyInput input{&parameters, context, refining, !refining};

@@ -156,6 +156,7 @@ TEST_CASE("costs of a support do not depend on vectors") {
   problem.sources[0].image = image(1);
   problem.sources[0].rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1};
   problem.sources[0].translation = {-0.5f, 0.1f, 0.05f};
+  problem.sources[0] = derived_source(problem.reference, problem.sources[0]);
   std::vector<Hypothesis> planes = maps[0].planes;
   std::vector<float> costs(planes.size());
   const PlaneMap map{planes.data(), costs.data()};

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <cmath>
 #include <set>
 
 #include "catch.h"
+#include "flicker.h"
 #include "moving.h"
 
 namespace stgs::tools {
@@ -63,6 +65,29 @@ TEST_CASE("the moving error covers all channels of the moving pixels only") {
   CHECK(sum.pixels == 4);
   CHECK(sum.mean() == Approx(21.0 * 21.0 / (3 * 255.0 * 255.0)));
   CHECK(moving_error(image, background, background).pixels == 0);
+}
+
+TEST_CASE("flicker covers pixels that move in neither of two frames") {
+  const encoder::Image8 background = uniform_image(100);
+  encoder::Image8 before = background, now = background;
+  before.data[3 * 2] = 200;  // moves in the first frame
+  now.data[3 * 3 + 1] = 10;  // moves in the second
+  now.data[3 * 7 + 2] = 110;
+  Image render_before, render;
+  for (Image* image : {&render_before, &render}) {
+    image->reshape(8, 4, 3);
+    for (float& v : image->data) v = 0.5f;
+  }
+  render.plane(0)[2] = render.plane(1)[3] = 1.0f;  // do not count
+  render.plane(2)[9] = 0.5f + 30.0f / 255.0f;
+  Flicker sum = flicker_of({render_before, render, before, now, background});
+  CHECK(sum.pixels == 30);
+  sum += sum;
+  CHECK(sum.pixels == 60);
+  CHECK(sum.json()["render"].get<double>() == Approx(std::sqrt(900.0 / 90)).epsilon(1e-5));
+  CHECK(sum.json()["ground_truth"].get<double>() == Approx(std::sqrt(100.0 / 90)).epsilon(1e-5));
+  CHECK(Flicker().json().is_null());
+  CHECK(Flicker().text().empty());
 }
 
 }  // namespace stgs::tools

@@ -5,8 +5,10 @@
 #include "camera_file.h"
 #include "command.h"
 #include "end_after_signal.h"
+#include "flicker.h"
 #include "image_io.h"
 #include "lpips_option.h"
+#include "masks_option.h"
 #include "memory_option.h"
 #include "moving.h"
 #include "options.h"
@@ -26,6 +28,8 @@ struct Scores {
   double lpips = 0;          // with a network
   ErrorSum moving;           // summed, never averaged
   std::uint64_t pixels = 0;  // tested for motion; 0 without a background
+  ErrorSum masked;           // summed; with masks
+  Flicker flicker;           // summed; of this frame and the one before
 };
 
 // Returns the means over frames; `moving` and `pixels` are sums.
@@ -40,6 +44,8 @@ Scores mean_of(const std::vector<Scores>& all) {
     mean.lpips += s.lpips;
     mean.moving += s.moving;
     mean.pixels += s.pixels;
+    mean.masked += s.masked;
+    mean.flicker += s.flicker;
   }
   const auto n = static_cast<double>(all.size());
   for (double* v : {&mean.mse, &mean.psnr, &mean.psnr_cc, &mean.ssim, &mean.ssim_2, &mean.lpips})
@@ -62,7 +68,8 @@ Json to_json(const Scores& s) {
           {"ssim", s.ssim},
           {"ssim_2", s.ssim_2},
           {"psnr_moving", s.moving.pixels > 0 ? Json(psnr_moving(s)) : Json(nullptr)},
-          {"moving_share", s.pixels > 0 ? Json(moving_share(s)) : Json(nullptr)}};
+          {"moving_share", s.pixels > 0 ? Json(moving_share(s)) : Json(nullptr)},
+          {"flicker", s.flicker.json()}};
 }
 
 Json to_json(const ImageDrift& d) {
@@ -105,6 +112,12 @@ struct Job {
   Scores scores;
 };
 
+// The frame of a camera that was scored last.
+struct LastFrame {
+  Image image;
+  encoder::Image8 ground_truth;
+};
+
 class Evaluate final : public Command {
  public:
   Help help() const override {
@@ -125,7 +138,10 @@ class Evaluate final : public Command {
         "training camera, to one, or to several; the depth of those visible to fewer than two is\n"
         "not constrained. A training window is measured at its own frames. In a file of several\n"
         "windows, the window of a primitive stands for the clip. lpips, with --lpips: mean LPIPS\n"
-        "(version 0.1) of the images as they are; smaller is better.",
+        "(version 0.1) of the images as they are; smaller is better. psnr_masked, with --masks:\n"
+        "PSNR of the mean squared error within the masks of all frames. flicker: root mean square\n"
+        "change from each evaluated frame to the next, of 255, over pixels that move in neither;\n"
+        "that of the ground truth is its noise.",
         "  stgs evaluate scene.stgs --against prepared/\n"
         "  stgs evaluate scene.stgs --against prepared/ --cameras 0,10 --every 5 --format json"};
   }
@@ -144,6 +160,7 @@ class Evaluate final : public Command {
         ->check(number_between(1, 1e9))
         ->capture_default_str();
     lpips_.declare(app);
+    masks_.declare(app);
     memory_.declare(app);
   }
 
@@ -192,6 +209,7 @@ class Evaluate final : public Command {
     const std::size_t total = frames * cameras_.size();
     const auto batch = static_cast<std::size_t>(concurrency());
     scores_.assign(cameras_.size(), std::vector<Scores>(frames));
+    last_.assign(cameras_.size(), {});
     std::vector<Job> jobs;
     for (std::size_t next = 0; next < total;) {
       jobs.clear();
@@ -219,6 +237,7 @@ class Evaluate final : public Command {
     for (const Status& status : scoring) STGS_TRY(status);
     for (Job& job : jobs) {
       if (lpips_.network() != nullptr) STGS_TRY(measure_lpips(session, job));
+      measure_flicker(job);
       scores_[job.camera][static_cast<std::size_t>(job.frame / every_)] = job.scores;
     }
     return {};
@@ -227,7 +246,23 @@ class Evaluate final : public Command {
   Status score_job(Job& job) const {
     STGS_ASSIGN(job.ground_truth, encoder::load_frame(capture_, cameras_[job.camera], job.frame));
     STGS_ASSIGN(job.scores, score(job.image, job.ground_truth, backgrounds_[job.camera]));
+    if (masks_.given()) {
+      STGS_ASSIGN(job.scores.masked,
+                  masks_.error(cameras_[job.camera].name, job.frame, job.image, job.ground_truth));
+    }
     return {};
+  }
+
+  // Compares the frame with the one before, and keeps it for the next.
+  void measure_flicker(Job& job) {
+    LastFrame& last = last_[job.camera];
+    const encoder::Image8& background = backgrounds_[job.camera];
+    if (background.data.empty()) return;
+    if (!last.ground_truth.data.empty()) {
+      job.scores.flicker =
+          flicker_of({last.image, job.image, last.ground_truth, job.ground_truth, background});
+    }
+    last = {std::move(job.image), std::move(job.ground_truth)};
   }
 
   // Uses all threads for one image, because a network needs much memory.
@@ -265,6 +300,19 @@ class Evaluate final : public Command {
     return {};
   }
 
+  void add_masked(const Scores& s, Json& json) const {
+    if (!masks_.given()) return;
+    json["psnr_masked"] =
+        s.masked.pixels > 0 ? Json(encoder::psnr_of(s.masked.mean())) : Json(nullptr);
+    json["masked_pixels"] = s.masked.pixels;
+  }
+
+  std::string masked_text(const Scores& s) const {
+    if (!masks_.given()) return "";
+    if (s.masked.pixels == 0) return ", the masks are empty";
+    return fmt::format(", within the masks {:.3f} dB", encoder::psnr_of(s.masked.mean()));
+  }
+
   Status report(Session& session) const {
     std::vector<Scores> all;
     Json views = Json::array();
@@ -287,6 +335,7 @@ class Evaluate final : public Command {
                    {"height", camera.height},
                    {"frames", scores_[c].size()}};
       view.update(to_json(mean));
+      add_masked(mean, view);
       lpips_.add(mean.lpips, view);
       views.push_back(view);
       row(one_line(camera.name), fmt::format("{}x{}", camera.width, camera.height),
@@ -302,8 +351,9 @@ class Evaluate final : public Command {
         kStaticDrift);
     text += fmt::format("primitives visible to no training camera {}, to one {}, to several {}\n",
                         coverage_.by_none, coverage_.by_one, coverage_.by_more);
-    text += fmt::format("psnr of the pooled error {:.3f} dB{}, peak memory {}\n",
-                        encoder::psnr_of(mean.mse), lpips_.text(mean.lpips),
+    text += mean.flicker.text();
+    text += fmt::format("psnr of the pooled error {:.3f} dB{}{}, peak memory {}\n",
+                        encoder::psnr_of(mean.mse), masked_text(mean), lpips_.text(mean.lpips),
                         human_bytes(peak_memory()));
     Json json = {{"file", shown_file()},
                  {"against", folder_},
@@ -311,6 +361,7 @@ class Evaluate final : public Command {
                  {"every", every_},
                  {"images", all.size()}};
     json.update(to_json(mean));
+    add_masked(mean, json);
     lpips_.add(mean.lpips, json);
     json["static_drift"] = to_json(drift_);
     json["coverage"] = to_json(coverage_);
@@ -321,6 +372,7 @@ class Evaluate final : public Command {
 
   MemoryOption memory_;
   LpipsOption lpips_;
+  MasksOption masks_;
   std::string file_, folder_, which_ = "test";
   bool allow_outside_ = false;
   int every_ = 1;
@@ -328,6 +380,7 @@ class Evaluate final : public Command {
   std::vector<encoder::Camera> cameras_;
   std::vector<encoder::Image8> backgrounds_;  // per camera; empty images without a median
   std::vector<std::vector<Scores>> scores_;   // [camera][frame]
+  std::vector<LastFrame> last_;               // per camera
   ImageDrift drift_;
   CameraCoverage coverage_;
   std::size_t measured_ = 0;  // images, with LPIPS

@@ -57,20 +57,27 @@ ErrorSum& ErrorSum::operator+=(const ErrorSum& other) {
   return *this;
 }
 
+void ErrorSum::add(const Image& image, const encoder::Image8& ground_truth, std::size_t i) {
+  ++pixels;
+  for (int c = 0; c < 3; ++c) {
+    const double d = static_cast<double>(image.plane(c)[i]) - ground_truth.data[3 * i + c] / 255.0;
+    squares += d * d;
+  }
+}
+
+bool is_moving(const std::uint8_t* pixel, const std::uint8_t* background) {
+  int change = 0;
+  for (int c = 0; c < 3; ++c) change = std::max(change, std::abs(pixel[c] - background[c]));
+  return change > kMovingThreshold;
+}
+
 ErrorSum moving_error(const Image& image, const encoder::Image8& ground_truth,
                       const encoder::Image8& background) {
   ErrorSum sum;
   const std::size_t pixels = static_cast<std::size_t>(ground_truth.width) * ground_truth.height;
   for (std::size_t i = 0; i < pixels; ++i) {
-    const std::uint8_t *t = &ground_truth.data[3 * i], *b = &background.data[3 * i];
-    const int change =
-        std::max({std::abs(t[0] - b[0]), std::abs(t[1] - b[1]), std::abs(t[2] - b[2])});
-    if (change <= kMovingThreshold) continue;
-    ++sum.pixels;
-    for (int c = 0; c < 3; ++c) {
-      const double d = static_cast<double>(image.plane(c)[i]) - t[c] / 255.0;
-      sum.squares += d * d;
-    }
+    if (is_moving(&ground_truth.data[3 * i], &background.data[3 * i]))
+      sum.add(image, ground_truth, i);
   }
   return sum;
 }

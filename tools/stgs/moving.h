@@ -35,9 +35,14 @@ struct ErrorSum {
   std::uint64_t pixels = 0;
 
   ErrorSum& operator+=(const ErrorSum& other);
+  // Adds pixel i, counted row by row.
+  void add(const Image& image, const encoder::Image8& ground_truth, std::size_t i);
   // Returns the mean squared error. Requires pixels > 0.
   double mean() const { return squares / (3.0 * static_cast<double>(pixels)); }
 };
+
+// Returns whether a pixel moves, from its RGB values and those of the background.
+bool is_moving(const std::uint8_t* pixel, const std::uint8_t* background);
 
 // Returns the error of an image over the moving pixels of the ground truth. All three have the same
 // size.

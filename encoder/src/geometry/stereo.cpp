@@ -14,7 +14,7 @@ namespace {
 
 // Iterations of each pass: from random planes at half the size, and at full size; then two passes
 // at either size that also compare depths.
-constexpr int kCoarseIterations = 6, kFineIterations = 3, kConsistentIterations = 2;
+constexpr int kCoarseIterations = 6, kFineIterations = 2, kConsistentIterations = 1;
 constexpr int kConsistentPasses = 2;
 constexpr int kFineStart = 2, kConsistentStart = 3;  // iterations that perturbations shrink by
 constexpr float kConsistency = 0.05f;                // cost per pixel of reprojection error
@@ -107,6 +107,7 @@ StereoProblem problem_of(const std::vector<Level>& levels, std::span<const int> 
     source.rotation = times_transpose(to.rotation, from.rotation);
     const Vec3 moved = math::mat3_mul(source.rotation, from.translation);
     source.translation = math::vec3_add(to.translation, math::vec3_scale(moved, -1.0f));
+    source = derived_source(problem.reference, source);
   }
   return problem;
 }

@@ -36,6 +36,9 @@ struct StereoSource {
   // From the reference's camera space to the source's.
   Mat3 rotation;
   Vec3 translation;
+  // From the reference's pixels: K_s R K_r^-1, the homography at infinity, and the epipole K_s t.
+  Mat3 infinite;
+  Vec3 epipole;
 };
 
 struct StereoProblem {
@@ -57,32 +60,52 @@ STGS_FN float grey_at(StereoImage image, int x, int y) {
   return static_cast<float>(image.corners[at + static_cast<std::size_t>(x)] & 0xFFu);
 }
 
-// Returns the homography from pixels of the reference to those of the source, through the plane at
-// image position (u, v): K_s (R + t n' / n'x) K_r^-1, with x on the plane.
-STGS_FN Mat3 plane_homography(StereoImage reference, StereoSource source, float u, float v,
-                              Hypothesis plane) {
-  const Vec3 point = math::vec3_scale(ray_at(reference, u, v), plane.depth);
-  const Vec3 n = math::vec3_scale(plane.normal, 1.0f / math::dot3(plane.normal, point));
-  const Vec3 t = source.translation;
-  const Mat3 r = source.rotation;
-  const Vec3 row_x = math::vec3_of(r.xx + t.x * n.x, r.xy + t.x * n.y, r.xz + t.x * n.z);
-  const Vec3 row_y = math::vec3_of(r.yx + t.y * n.x, r.yy + t.y * n.y, r.yz + t.y * n.z);
-  const Vec3 row_z = math::vec3_of(r.zx + t.z * n.x, r.zy + t.z * n.y, r.zz + t.z * n.z);
+// Sets the derived members of a source.
+STGS_FN StereoSource derived_source(StereoImage reference, StereoSource source) {
   const StereoImage s = source.image;
-  const Vec3 a = math::vec3_add(math::vec3_scale(row_x, s.fx), math::vec3_scale(row_z, s.cx));
-  const Vec3 b = math::vec3_add(math::vec3_scale(row_y, s.fy), math::vec3_scale(row_z, s.cy));
+  const Mat3 r = source.rotation;
+  const Vec3 t = source.translation;
   const float ix = 1.0f / reference.fx, iy = 1.0f / reference.fy;
   const float ox = reference.cx * ix, oy = reference.cy * iy;
-  Mat3 h;
+  const Vec3 a = math::vec3_of(s.fx * r.xx + s.cx * r.zx, s.fx * r.xy + s.cx * r.zy,
+                               s.fx * r.xz + s.cx * r.zz);
+  const Vec3 b = math::vec3_of(s.fy * r.yx + s.cy * r.zx, s.fy * r.yy + s.cy * r.zy,
+                               s.fy * r.yz + s.cy * r.zz);
+  Mat3& h = source.infinite;
   h.xx = a.x * ix;
   h.xy = a.y * iy;
   h.xz = a.z - a.x * ox - a.y * oy;
   h.yx = b.x * ix;
   h.yy = b.y * iy;
   h.yz = b.z - b.x * ox - b.y * oy;
-  h.zx = row_z.x * ix;
-  h.zy = row_z.y * iy;
-  h.zz = row_z.z - row_z.x * ox - row_z.y * oy;
+  h.zx = r.zx * ix;
+  h.zy = r.zy * iy;
+  h.zz = r.zz - r.zx * ox - r.zy * oy;
+  source.epipole = math::vec3_of(s.fx * t.x + s.cx * t.z, s.fy * t.y + s.cy * t.z, t.z);
+  return source;
+}
+
+// Returns the row n' K_r^-1 / n'x of a plane, with x on it: it maps the reference's pixels to the
+// inverse of their depth.
+STGS_FN Vec3 plane_row(StereoImage reference, float u, float v, Hypothesis plane) {
+  const float unit = 1.0f / (plane.depth * math::dot3(plane.normal, ray_at(reference, u, v)));
+  const float x = plane.normal.x * unit / reference.fx, y = plane.normal.y * unit / reference.fy;
+  return math::vec3_of(x, y, plane.normal.z * unit - x * reference.cx - y * reference.cy);
+}
+
+// Returns the homography from the reference's pixels to the source's through the plane of a row.
+STGS_FN Mat3 plane_homography(const StereoSource& source, Vec3 row) {
+  Mat3 h = source.infinite;
+  const Vec3 e = source.epipole;
+  h.xx += e.x * row.x;
+  h.xy += e.x * row.y;
+  h.xz += e.x * row.z;
+  h.yx += e.y * row.x;
+  h.yy += e.y * row.y;
+  h.yz += e.y * row.z;
+  h.zx += e.z * row.x;
+  h.zy += e.z * row.y;
+  h.zz += e.z * row.z;
   return h;
 }
 

@@ -93,10 +93,9 @@ STGS_FN float grey_between(const StereoImage& image, float u, float v) {
 // Returns whether the homography maps the pixel into the source.
 STGS_FN bool is_seen(const StereoImage& source, const Mat3& h, float u, float v) {
   const float z = h.zx * u + h.zy * v + h.zz;
-  if (!(z > 1e-9f)) return false;
-  const float su = (h.xx * u + h.xy * v + h.xz) / z, sv = (h.yx * u + h.yy * v + h.yz) / z;
-  return su >= 0.0f && sv >= 0.0f && su < static_cast<float>(source.width) &&
-         sv < static_cast<float>(source.height);
+  const float x = h.xx * u + h.xy * v + h.xz, y = h.yx * u + h.yy * v + h.yz;
+  return z > 1e-9f && x >= 0.0f && y >= 0.0f && x < z * static_cast<float>(source.width) &&
+         y < z * static_cast<float>(source.height);
 }
 
 // Sums over the pixels of a support, one by one.
@@ -123,11 +122,12 @@ template <typename Sums>
 STGS_FN float hypothesis_cost(const StereoProblem& problem, const Support& support, int x, int y,
                               Hypothesis plane, const Sums& sums_of) {
   const float u = static_cast<float>(x) + 0.5f, v = static_cast<float>(y) + 0.5f;
+  const Vec3 row = plane_row(problem.reference, u, v, plane);
   float sorted[kMaxSources];
   int count = 0;
   for (int i = 0; i < problem.source_count; ++i) {
     const StereoSource& source = problem.sources[i];
-    const Mat3 h = plane_homography(problem.reference, source, u, v, plane);
+    const Mat3 h = plane_homography(source, row);
     if (!is_seen(source.image, h, u, v)) continue;
     float cost = correlation_cost(support, sums_of(source.image, h, support, x, y));
     if (problem.consistency > 0.0f) {

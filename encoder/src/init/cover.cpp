@@ -78,4 +78,16 @@ int cover_within(const std::vector<Surface>& surfaces, int limit, double toleran
   }
 }
 
+InitialPoint initial_point(const SurfacePoint& point, const cv::Vec3d& velocity, int frame) {
+  InitialPoint out{};
+  for (int k = 0; k < 3; ++k) {
+    out.position[k] = float(point.position[k]);
+    out.colour[k] = point.colour[k];
+    out.normal[k] = point.normal[k];
+    out.velocity[k] = float(velocity[k]);
+  }
+  out.frame = frame;
+  return out;
+}
+
 }  // namespace stgs::encoder::init

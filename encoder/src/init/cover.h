@@ -34,4 +34,7 @@ void cover(const std::vector<Surface>& surfaces, int block, double tolerance,
 int cover_within(const std::vector<Surface>& surfaces, int limit, double tolerance,
                  std::vector<SurfacePoint>* points);
 
+// Returns the initial point of a surface point; frame -1 for a static one.
+InitialPoint initial_point(const SurfacePoint& point, const cv::Vec3d& velocity, int frame);
+
 }  // namespace stgs::encoder::init

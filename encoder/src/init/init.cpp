@@ -41,6 +41,7 @@ struct State {
   std::vector<Velocities> velocities{};
   std::string velocity_kind = "none";
   std::vector<InitialPoint> static_points{}, dynamic_points{};
+  std::vector<Finding> findings{};
   std::size_t too_near = 0;            // points removed in front of the near plane
   std::atomic<bool> abandoned{false};  // the features are no longer needed
   // Declared last, so that its destructor joins the thread before the other members are destroyed.
@@ -297,18 +298,6 @@ Status find_velocities(State& state) {
   return {};
 }
 
-InitialPoint initial_point(const SurfacePoint& point, const cv::Vec3d& velocity, int frame) {
-  InitialPoint out{};
-  for (int k = 0; k < 3; ++k) {
-    out.position[k] = float(point.position[k]);
-    out.colour[k] = point.colour[k];
-    out.normal[k] = point.normal[k];
-    out.velocity[k] = float(velocity[k]);
-  }
-  out.frame = frame;
-  return out;
-}
-
 void collect_points(State& state) {
   const cv::Vec3d zero(0, 0, 0);
   for (const SurfacePoint& point : state.scene.points) {
@@ -326,12 +315,12 @@ void collect_points(State& state) {
   drop_too_near(state.views, state.capture.near_plane, &state.static_points);
   drop_too_near(state.views, state.capture.near_plane, &state.dynamic_points);
   state.too_near = all.size() - state.static_points.size() - state.dynamic_points.size();
-  state.work.log(fmt::format(
-      "scene: centre ({:.3g}, {:.3g}, {:.3g}), radius {:.3g}, near plane {:.3g} (removed {} in "
-      "front "
-      "of it)",
-      state.capture.scene_centre[0], state.capture.scene_centre[1], state.capture.scene_centre[2],
-      state.capture.scene_radius, state.capture.near_plane, plural(state.too_near, "point")));
+  const double* c = state.capture.scene_centre;
+  state.work.log(
+      fmt::format("scene: centre ({:.3g}, {:.3g}, {:.3g}), radius {:.3g}, near plane "
+                  "{:.3g} (removed {} in front of it)",
+                  c[0], c[1], c[2], state.capture.scene_radius, state.capture.near_plane,
+                  plural(state.too_near, "point")));
 }
 
 ReportFacts facts_of(const State& state) {
@@ -354,6 +343,7 @@ ReportFacts facts_of(const State& state) {
   add("near plane", fmt::format("{:.3g}", state.capture.near_plane));
   add("scene radius", fmt::format("{:.3g}", state.capture.scene_radius));
   facts.seconds = state.work.timings();
+  facts.findings = state.findings;
   return facts;
 }
 
@@ -373,6 +363,10 @@ Status run(State& state) {
   }
   STGS_TRY(choose_static(state));
   collect_points(state);
+  state.findings = find_weaknesses(state.views, state.scene, state.calibration, state.scene.points);
+  for (const Finding& f : state.findings) {
+    if (!f.is_logged) state.work.log(fmt::format("{}; {}", f.text, f.remedy), 1);
+  }
   const std::string& folder = state.capture.folder;
   STGS_TRY(write_points(folder + "/points_static.ply", state.static_points));
   STGS_TRY(write_points(folder + "/points_dynamic.ply", state.dynamic_points));

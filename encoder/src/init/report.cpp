@@ -8,6 +8,7 @@
 
 #include "plural.h"
 #include "stgs/encoder/report_page.h"
+#include "train/rig.h"
 
 namespace stgs::encoder::init {
 namespace {
@@ -85,12 +86,44 @@ cv::Mat depth_image(const Surface& surface, DepthRange range) {
   return colours;
 }
 
+// Returns the cameras as seen from above: along the mean of their downward axes.
+std::vector<MapCamera> map_of(const PreparedCapture& capture) {
+  cv::Vec3d down(0, 0, 0);
+  for (const Camera& camera : capture.cameras)
+    down += cv::Vec3d(camera.rotation[3], camera.rotation[4], camera.rotation[5]);
+  down = cv::norm(down) > 1e-6 ? cv::normalize(down) : cv::Vec3d(0, 1, 0);
+  const cv::Vec3d any = std::abs(down[0]) < 0.9 ? cv::Vec3d(1, 0, 0) : cv::Vec3d(0, 0, 1);
+  const cv::Vec3d right = cv::normalize(any - down * down.dot(any)), forward = down.cross(right);
+  std::vector<MapCamera> cameras;
+  for (const Camera& camera : capture.cameras) {
+    const RigPose pose = rig_pose(camera);
+    const cv::Vec3d centre(pose.centre), view(pose.forward);
+    cameras.push_back({camera.name, right.dot(centre), forward.dot(centre), right.dot(view),
+                       forward.dot(view), camera.test});
+  }
+  return cameras;
+}
+
+void add_verdict(const std::vector<Finding>& findings, ReportPage* page) {
+  if (findings.empty()) {
+    page->paragraph("Nothing conspicuous: ready to train.");
+    return;
+  }
+  page->heading("Findings");
+  std::vector<std::pair<std::string, std::string>> rows;
+  for (const Finding& finding : findings) rows.emplace_back(finding.text, finding.remedy);
+  page->table(rows);
+}
+
 ReportPage page_of(const PreparedCapture& capture, const ReportFacts& facts,
                    const std::vector<Section>& sections) {
   ReportPage page("Prepared capture");
   page.paragraph(fmt::format("{}, {}, layout {}.", plural(capture.cameras.size(), "camera"),
                              plural(capture.frames, "frame"), capture.source));
+  add_verdict(facts.findings, &page);
+  page.heading("Capture");
   page.table(facts.lines);
+  page.map("Cameras from above (rings: held out)", map_of(capture));
   page.heading("Time");
   std::vector<std::pair<std::string, std::string>> seconds;
   for (const auto& [name, value] : facts.seconds) {

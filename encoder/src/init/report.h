@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "init/findings.h"
 #include "init/motion.h"
 #include "init/static_points.h"
 #include "init/view.h"
@@ -14,12 +15,13 @@
 namespace stgs::encoder::init {
 
 struct ReportFacts {
+  std::vector<Finding> findings;
   std::vector<std::pair<std::string, std::string>> lines;  // name, value
   std::vector<std::pair<std::string, double>> seconds;     // duration by stage
 };
 
-// Writes report/index.html and its images: mask overlays, static points and depth, dynamic
-// points with their velocities.
+// Writes report/index.html and its images: a verdict, a map of the cameras, mask overlays, static
+// points and depth, dynamic points with their velocities.
 Status write_report(const PreparedCapture& capture, const std::vector<View>& views,
                     const StaticScene& scene, const std::vector<ViewMotion>& motion,
                     const std::vector<InitialPoint>& static_points,

@@ -21,7 +21,7 @@ struct DensifyContext {
   bool modulated = true;  // false: f = 1
   bool plain = false;     // growth as in 3DGS: mean gradients only, clones are exact copies
   std::uint64_t seed = 0;
-  FreeSpace free_space;  // primitives in it are removed
+  FreeSpace free_space{};  // primitives in it are removed
 };
 
 DensifyRules densify_rules(const HyperParameters& parameters, const DensifyContext& context);

@@ -76,10 +76,10 @@ struct PreparedCapture {
 // An initial point. Static points have velocity 0 and frame -1.
 struct InitialPoint {
   float position[3];
-  std::uint8_t colour[3];  // RGB
-  float velocity[3];       // scene units per frame, as measured
-  int frame;               // index in [0, frames), or -1
-  float normal[3];         // unit normal of the surface; 0: unknown
+  std::uint8_t colour[3];       // RGB
+  float velocity[3];            // scene units per frame, as measured
+  int frame;                    // index in [0, frames), or -1
+  float normal[3] = {0, 0, 0};  // unit normal of the surface; 0: unknown
 };
 
 // Reads and validates capture.json in `folder`. Does not open the frames. Unless `allow_outside`,

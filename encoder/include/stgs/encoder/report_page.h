@@ -27,6 +27,13 @@ struct BarChart {
   std::vector<std::pair<std::string, double>> bars;  // label, value >= 0
 };
 
+// A camera on a map of a rig, in any unit: position and direction of view.
+struct MapCamera {
+  std::string name;
+  double x = 0, y = 0, dx = 0, dy = 0;
+  bool hollow = false;  // drawn as a ring
+};
+
 // Collects the page in memory; write() stores it. All text is escaped. Not thread-safe.
 class ReportPage {
  public:
@@ -47,6 +54,9 @@ class ReportPage {
   void chart(const Chart& chart);
   // Adds a horizontal bar chart. Adds nothing if every value is 0.
   void bars(const BarChart& chart);
+  // Adds a map of cameras, with equal scales along both axes; y points down. Adds nothing without
+  // cameras.
+  void map(const std::string& title, const std::vector<MapCamera>& cameras);
 
   // Writes index.html atomically into an existing folder.
   Status write(const std::string& folder) const;

@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+// What is weak about a prepared capture, why, and what to do about it.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "init/calibration_check.h"
+#include "init/static_points.h"
+#include "init/view.h"
+
+namespace stgs::encoder::init {
+
+struct Finding {
+  std::string text;  // with the camera, if it concerns one
+  std::string remedy;
+  bool is_logged = false;  // by the stage that found it
+};
+
+// Returns the findings about overlap, measured depth, calibration, exposure and sharpness, the most
+// consequential first. `points` are the static points.
+std::vector<Finding> find_weaknesses(const std::vector<View>& views, const StaticScene& scene,
+                                     const CalibrationCheck& calibration,
+                                     const std::vector<SurfacePoint>& points);
+
+}  // namespace stgs::encoder::init

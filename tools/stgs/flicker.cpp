@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "flicker.h"
+
+#include <cmath>
+
+#include "moving.h"
+
+namespace stgs::tools {
+namespace {
+
+double rms(double squares, std::uint64_t pixels) {
+  return 255.0 * std::sqrt(squares / (3.0 * static_cast<double>(pixels)));
+}
+
+}  // namespace
+
+Flicker& Flicker::operator+=(const Flicker& other) {
+  render += other.render;
+  ground_truth += other.ground_truth;
+  pixels += other.pixels;
+  return *this;
+}
+
+Json Flicker::json() const {
+  if (pixels == 0) return nullptr;
+  return {{"render", rms(render, pixels)}, {"ground_truth", rms(ground_truth, pixels)}};
+}
+
+std::string Flicker::text() const {
+  if (pixels == 0) return "";
+  return fmt::format(
+      "flicker of static pixels {:.3f} of 255 from frame to frame (ground truth {:.3f})\n",
+      rms(render, pixels), rms(ground_truth, pixels));
+}
+
+Flicker flicker_of(const FramePair& pair) {
+  Flicker sum;
+  const std::size_t pixels = static_cast<std::size_t>(pair.truth.width) * pair.truth.height;
+  for (std::size_t i = 0; i < pixels; ++i) {
+    const std::uint8_t* background = &pair.background.data[3 * i];
+    const std::uint8_t *before = &pair.truth_before.data[3 * i], *now = &pair.truth.data[3 * i];
+    if (is_moving(before, background) || is_moving(now, background)) continue;
+    ++sum.pixels;
+    for (int c = 0; c < 3; ++c) {
+      const double change = pair.render.plane(c)[i] - pair.render_before.plane(c)[i];
+      const double true_change = (now[c] - before[c]) / 255.0;
+      sum.render += change * change;
+      sum.ground_truth += true_change * true_change;
+    }
+  }
+  return sum;
+}
+
+}  // namespace stgs::tools
