@@ -10,7 +10,7 @@ namespace {
 
 // Tuned on training cameras that were held out of workshop_ring and basketball.
 constexpr double kDenseCameras = 27, kSparseCameras = 17;
-constexpr double kDenseAngle = 12, kSparseAngle = 17;  // to the second nearest camera, degrees
+constexpr double kDenseAngle = 14, kSparseAngle = 17;  // to the second nearest camera, degrees
 
 double angle_between(const double a[3], const double b[3]) {
   double dot = 0, aa = 0, bb = 0;

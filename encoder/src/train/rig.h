@@ -25,7 +25,7 @@ double rig_angle(const RigPose& a, const RigPose& b, const double scene[3]);
 
 // Returns how sparse a rig is: 1 if views between its cameras are poorly determined by the images,
 // 0 if priors would only cost detail. It falls from 1 to 0 as the number of cameras grows from 17
-// to 27, and as the angle between neighbours falls from 17 to 12 degrees.
+// to 27, and as the angle between neighbours falls from 17 to 14 degrees.
 double rig_sparsity(const std::vector<RigPose>& poses, const double scene[3]);
 double rig_sparsity(const PreparedCapture& capture);
 
