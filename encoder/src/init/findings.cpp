@@ -150,7 +150,8 @@ std::vector<Finding> find_weaknesses(const std::vector<View>& views, const Stati
     findings.push_back(
         {fmt::format("the calibration could not be checked: {} of cameras {} enough matches",
                      plural(calibration.pairs, "pair"), calibration.pairs == 1 ? "has" : "have"),
-         "check by the images of the report that points of one object coincide in all cameras", true});
+         "check by the images of the report that points of one object coincide in all cameras",
+         true});
   }
   find_gaps(views, scene.focus.point, &findings);
   find_unmeasured(scene, &findings);
