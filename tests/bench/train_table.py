@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """Trains and evaluates a list of variants, several at a time, and prints one line per variant.
+Variants whose names differ only in a last number, the seed, also get a line with mean and deviation.
 
 usage: train_table.py LIST --capture NAME=PREPARED... [--stgs PROGRAM] [--backend cuda]
                       [--only PREFIX] [--at-once 4] [--work FOLDER] [--keep]
@@ -16,7 +17,9 @@ import concurrent.futures
 import json
 import os
 import pathlib
+import re
 import shlex
+import statistics
 import subprocess
 import sys
 
@@ -62,6 +65,26 @@ def line_of(name, trained, measured):
             f"{trained['seconds']:.1f} s, {trained['primitives']} primitives | {views}")
 
 
+def of_seeds(measured):
+    """Returns a line for each group of variants, from their names and measurements."""
+    groups = {}
+    for name, values in measured:
+        match = re.fullmatch(r"(.*)-\d+", name)
+        if match:
+            groups.setdefault(match[1], []).append(values)
+    lines = []
+    for name, members in groups.items():
+        if len(members) < 2:
+            continue
+        parts = []
+        for metric in ("psnr", "psnr_cc", "psnr_moving", "ssim"):
+            values = [member[metric] for member in members]
+            if None not in values:
+                parts.append(f"{metric} {statistics.mean(values):.4f} +- {statistics.stdev(values):.4f}")
+        lines.append(f"{name}, {len(members)} seeds | {' | '.join(parts)}")
+    return lines
+
+
 def variant(line, captures, args):
     name, capture, every, options = [part.strip() for part in line.split("|")]
     scene = args.work / f"{name}.stgs"
@@ -73,7 +96,7 @@ def variant(line, captures, args):
                     "--every", every, *common])
     if not args.keep:
         scene.unlink()
-    return line_of(name, trained, measured)
+    return name, measured, line_of(name, trained, measured)
 
 
 def main():
@@ -102,15 +125,19 @@ def main():
         folder = args.work / capture.replace(":", "-without-").replace(",", "-")
         captures[capture] = (fold(folders[name], held_out.split(","), folder) if held_out
                             else folders[name])
-    failed = 0
+    failed, done = 0, []
     with concurrent.futures.ThreadPoolExecutor(args.at_once) as pool:
         jobs = [pool.submit(variant, line, captures, args) for line in lines]
         for job in concurrent.futures.as_completed(jobs):
             try:
-                print(job.result(), flush=True)
+                name, measured, text = job.result()
+                done.append((name, measured))
+                print(text, flush=True)
             except RuntimeError as error:
                 failed += 1
                 print(error, file=sys.stderr, flush=True)
+    for text in of_seeds(sorted(done, key=lambda entry: entry[0])):
+        print(text)
     return 1 if failed else 0
 
 

@@ -37,6 +37,17 @@ class TrainTable(CliTest):
         self.assertEqual([camera["name"] for camera in fold if camera["test"]], training[:1])
         self.assertEqual(os.listdir(self.path("work")), [f"c-without-{training[0]}"])
 
+    def test_seeds_are_averaged(self):
+        short = "--preset fast --iterations 20 --max-primitives 300 --seed"
+        done = self.table(f"few-1 | c | 3 | {short} 1\nfew-2 | c | 3 | {short} 2\nother-1 | c | 3 | {short} 1\n")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        rows = {line.split(" | ")[0]: line for line in done.stdout.splitlines()}
+        self.assertEqual(sorted(rows), ["few, 2 seeds", "few-1", "few-2", "other-1"])
+        psnr = [float(rows[name].split(" | ")[1].split(" / ")[0]) for name in ("few-1", "few-2")]
+        mean, deviation = (float(v) for v in rows["few, 2 seeds"].split(" | ")[1].split(" ")[1::2])
+        self.assertAlmostEqual(mean, sum(psnr) / 2, 2)
+        self.assertAlmostEqual(deviation, abs(psnr[0] - psnr[1]) / 2 ** 0.5, 2)
+
     def test_a_failed_variant_does_not_stop_the_others(self):
         done = self.table("bad | c | 3 | --preset none\n"
                           "good | c | 3 | --preset fast --iterations 20 --max-primitives 300\n")

@@ -59,6 +59,7 @@ Rig rig(int count, double spacing) {
     }
     rig.views.push_back(view);
     rig.scene.surfaces.push_back(surface);
+    rig.scene.usable.emplace_back(kHeight, kWidth, CV_8U, cv::Scalar(255));
   }
   for (int k = 0; k < 400; ++k) {
     rig.points.push_back(
@@ -104,8 +105,18 @@ TEST_CASE("exposure and blur are found by what several cameras see") {
   cv::GaussianBlur(blurred, blurred, {0, 0}, 6);
   const std::vector<Finding> findings = capture.findings();
   CHECK(findings.size() == 2);
-  CHECK(mentions(findings, "camera 'cam1' is 0.5 stops brighter"));
+  CHECK(mentions(findings, "camera 'cam1' is 1."));
   CHECK(mentions(findings, "camera 'cam3' is less sharp"));
+}
+
+TEST_CASE("moving content is no background without depth") {
+  Rig capture = rig(4, 0.4);
+  for (const int k : {1, 2}) {
+    cv::Mat performer = capture.scene.usable[k](cv::Rect(0, 0, kWidth, kHeight - 10));
+    performer.setTo(0);
+    capture.scene.surfaces[k].weight(cv::Rect(0, 0, kWidth, kHeight - 10)).setTo(0);
+  }
+  CHECK_FALSE(mentions(capture.findings(), "has measured depth"));
 }
 
 TEST_CASE("missing depth and a calibration that was not checked are reported") {
@@ -115,7 +126,11 @@ TEST_CASE("missing depth and a calibration that was not checked are reported") {
   const std::vector<Finding> findings = capture.findings();
   CHECK(mentions(findings, "only 0 % of the background of camera 'cam2' has measured depth"));
   CHECK(mentions(findings, "the calibration could not be checked: 1 pair"));
+  CHECK_FALSE(mentions(findings, "does not fit"));
   capture.calibration.pairs = 6;
+  capture.calibration.fits = false;
+  CHECK(mentions(capture.findings(), "the calibration does not fit the images"));
+  capture.calibration.fits = true;
   capture.calibration.outliers.push_back({1, 9.0, false, {"", "", 0}});
   CHECK(mentions(capture.findings(), "the calibration of camera 'cam1' disagrees"));
 }

@@ -11,7 +11,9 @@
 #include "fixtures/temporary_folder.h"
 #include "random_train_state.h"
 #include "train/densify.h"
+#include "train/initial_state.h"
 #include "train/rig.h"
+#include "train/training_choice.h"
 
 using namespace stgs;
 using namespace stgs::encoder;
@@ -89,16 +91,20 @@ TEST_CASE("space in front of cameras and between them is empty up to half the wa
   for (const InitialPoint& point : points) {
     REQUIRE_FALSE(in_free_space(*space, {point.position[0], point.position[1], point.position[2]}));
   }
-  // Moving content that comes near in one of many frames is not removed.
-  std::vector<InitialPoint> moving(points.begin(), points.begin() + 500);
-  for (std::size_t i = 0; i < moving.size(); ++i) {
-    moving[i].frame = 0;
-    if (i % 50 == 0) moving[i].position[0] += 3.5f;  // a hand in front of the first camera
+  // Moving content that comes near in one of many frames is not removed, nor is a small object.
+  for (const std::size_t count : {500u, 20u}) {
+    std::vector<InitialPoint> moving(points.begin(), points.begin() + count);
+    for (std::size_t i = 0; i < moving.size(); ++i) {
+      moving[i].frame = 0;
+      if (i % 10 == 0) moving[i].position[0] += 3.5f;  // a hand in front of the first camera
+    }
+    REQUIRE(write_points(capture.folder + "/points_dynamic.ply", moving).ok());
+    const Result<FreeSpace> with_hand = find_free_space(capture);
+    REQUIRE(with_hand.ok());
+    CHECK_FALSE(in_free_space(*with_hand, at(0, 3.4)));
+    CHECK(in_free_space(*with_hand, at(120, 3.5)));
+    CHECK(fingerprint_of(*with_hand) != fingerprint_of(*space));
   }
-  REQUIRE(write_points(capture.folder + "/points_dynamic.ply", moving).ok());
-  const Result<FreeSpace> with_hand = find_free_space(capture);
-  REQUIRE(with_hand.ok());
-  CHECK_FALSE(in_free_space(*with_hand, at(0, 3.4)));
   CHECK(find_free_space(arc(30, 10))->count == 0);
 }
 
@@ -125,5 +131,46 @@ TEST_CASE("densification removes primitives from free space") {
       const float* p = &state.set.position[3 * i];
       CHECK_FALSE(in_free_space(space, {p[0], p[1], p[2]}));
     }
+  }
+}
+
+TEST_CASE("L_n fades for dense rigs unless its weight is set") {
+  TrainSettings settings;
+  HyperParameters parameters;
+  CHECK(growth_parameters(parameters, settings, arc(10, 24)).weight_normal ==
+        parameters.weight_normal);
+  CHECK(growth_parameters(parameters, settings, arc(22, 24)).weight_normal ==
+        Approx(0.5 * parameters.weight_normal));
+  CHECK(growth_parameters(parameters, settings, arc(30, 10)).weight_normal == 0);
+  settings.overrides.emplace_back("weight_normal", "0.2");
+  parameters.weight_normal = 0.2;
+  CHECK(growth_parameters(parameters, settings, arc(30, 10)).weight_normal == 0.2);
+}
+
+TEST_CASE("a point with a normal starts as a disc on its surface") {
+  PreparedCapture capture = arc(3, 24);
+  const TemporaryFolder folder{};
+  capture.folder = folder.path;
+  const float normals[5][3] = {{0, 0, 1}, {0, 0, -1}, {1, 0, 0}, {0.6f, 0, -0.8f}, {0, 0, 0}};
+  std::vector<InitialPoint> points(5);
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    points[i].frame = -1;
+    points[i].position[1] = 0.1f * static_cast<float>(i);
+    std::copy_n(normals[i], 3, points[i].normal);
+  }
+  REQUIRE(write_points(capture.folder + "/points_static.ply", points).ok());
+  REQUIRE(write_points(capture.folder + "/points_dynamic.ply", {}).ok());
+  HyperParameters parameters;
+  parameters.seen_background = 0;
+  const Result<TrainState> state = initial_state(capture, parameters, {}, 1);
+  REQUIRE(state.ok());
+  REQUIRE(state->size() == 5);
+  for (std::size_t i = 0; i < 5; ++i) {
+    const float *q = &state->set.rotation[4 * i], *s = &state->set.log_scale[3 * i];
+    const math::Mat3 r = math::rotation_of({q[0], q[1], q[2], q[3]});
+    const float along = r.xz * normals[i][0] + r.yz * normals[i][1] + r.zz * normals[i][2];
+    CHECK(s[0] == s[1]);
+    CHECK(s[2] - s[0] == Approx(i == 4 ? 0.0f : std::log(0.2f)).margin(1e-5));
+    if (i < 4) CHECK(std::abs(along) == Approx(1.0f).epsilon(1e-5));
   }
 }

@@ -112,12 +112,6 @@ struct Job {
   Scores scores;
 };
 
-// The frame of a camera that was scored last.
-struct LastFrame {
-  Image image;
-  encoder::Image8 ground_truth;
-};
-
 class Evaluate final : public Command {
  public:
   Help help() const override {
@@ -209,7 +203,7 @@ class Evaluate final : public Command {
     const std::size_t total = frames * cameras_.size();
     const auto batch = static_cast<std::size_t>(concurrency());
     scores_.assign(cameras_.size(), std::vector<Scores>(frames));
-    last_.assign(cameras_.size(), {});
+    flicker_.begin(cameras_, memory_.bytes(), session.log_sink());
     std::vector<Job> jobs;
     for (std::size_t next = 0; next < total;) {
       jobs.clear();
@@ -237,7 +231,8 @@ class Evaluate final : public Command {
     for (const Status& status : scoring) STGS_TRY(status);
     for (Job& job : jobs) {
       if (lpips_.network() != nullptr) STGS_TRY(measure_lpips(session, job));
-      measure_flicker(job);
+      job.scores.flicker = flicker_.add(job.camera, std::move(job.image),
+                                        std::move(job.ground_truth), backgrounds_[job.camera]);
       scores_[job.camera][static_cast<std::size_t>(job.frame / every_)] = job.scores;
     }
     return {};
@@ -248,21 +243,10 @@ class Evaluate final : public Command {
     STGS_ASSIGN(job.scores, score(job.image, job.ground_truth, backgrounds_[job.camera]));
     if (masks_.given()) {
       STGS_ASSIGN(job.scores.masked,
-                  masks_.error(cameras_[job.camera].name, job.frame, job.image, job.ground_truth));
+                  masks_.error(cameras_[job.camera].name, job.frame + capture_.frame_offset(),
+                               job.image, job.ground_truth));
     }
     return {};
-  }
-
-  // Compares the frame with the one before, and keeps it for the next.
-  void measure_flicker(Job& job) {
-    LastFrame& last = last_[job.camera];
-    const encoder::Image8& background = backgrounds_[job.camera];
-    if (background.data.empty()) return;
-    if (!last.ground_truth.data.empty()) {
-      job.scores.flicker =
-          flicker_of({last.image, job.image, last.ground_truth, job.ground_truth, background});
-    }
-    last = {std::move(job.image), std::move(job.ground_truth)};
   }
 
   // Uses all threads for one image, because a network needs much memory.
@@ -373,6 +357,7 @@ class Evaluate final : public Command {
   MemoryOption memory_;
   LpipsOption lpips_;
   MasksOption masks_;
+  FlickerMeter flicker_;
   std::string file_, folder_, which_ = "test";
   bool allow_outside_ = false;
   int every_ = 1;
@@ -380,7 +365,6 @@ class Evaluate final : public Command {
   std::vector<encoder::Camera> cameras_;
   std::vector<encoder::Image8> backgrounds_;  // per camera; empty images without a median
   std::vector<std::vector<Scores>> scores_;   // [camera][frame]
-  std::vector<LastFrame> last_;               // per camera
   ImageDrift drift_;
   CameraCoverage coverage_;
   std::size_t measured_ = 0;  // images, with LPIPS

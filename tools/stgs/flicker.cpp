@@ -2,6 +2,7 @@
 #include "flicker.h"
 
 #include <cmath>
+#include <utility>
 
 #include "moving.h"
 
@@ -49,6 +50,33 @@ Flicker flicker_of(const FramePair& pair) {
     }
   }
   return sum;
+}
+
+void FlickerMeter::begin(const std::vector<encoder::Camera>& cameras, std::uint64_t memory,
+                         const encoder::LogSink& log) {
+  constexpr std::uint64_t kPixel = 3 * sizeof(float) + 3;
+  std::uint64_t bytes = 0;
+  for (const encoder::Camera& camera : cameras)
+    bytes += kPixel * static_cast<std::uint64_t>(camera.width) * camera.height;
+  last_.clear();
+  if (bytes <= memory / 2) {
+    last_.resize(cameras.size());
+  } else if (log) {
+    log(1, fmt::format("flicker is not measured: it needs {} for {} cameras, more than half of "
+                       "--memory; select fewer --cameras, or raise it",
+                       human_bytes(bytes), cameras.size()));
+  }
+}
+
+Flicker FlickerMeter::add(std::size_t camera, Image render, encoder::Image8 ground_truth,
+                          const encoder::Image8& background) {
+  Flicker flicker;
+  if (last_.empty() || background.data.empty()) return flicker;
+  LastFrame& last = last_[camera];
+  if (!last.ground_truth.data.empty())
+    flicker = flicker_of({last.render, render, last.ground_truth, ground_truth, background});
+  last = {std::move(render), std::move(ground_truth)};
+  return flicker;
 }
 
 }  // namespace stgs::tools

@@ -28,8 +28,8 @@ class MasksOption {
     STGS_ASSIGN(const encoder::Image8 mask, encoder::read_image8(path, 1));
     if (mask.width != ground_truth.width || mask.height != ground_truth.height) {
       return invalid_file(
-          "{}: the mask has another size than the frame (expected {}x{}, got {}x{})", path,
-          ground_truth.width, ground_truth.height, mask.width, mask.height);
+          "{}: the mask has another size than the frame (expected {}x{}, got {}x{}); scale it",
+          path, ground_truth.width, ground_truth.height, mask.width, mask.height);
     }
     ErrorSum sum;
     for (std::size_t i = 0; i < mask.data.size(); ++i) {

@@ -102,6 +102,7 @@ STGS_FN void perturb(int iteration, Random random, Search<Sums>& search) {
   const float near = 1.0f / problem.nearest, far = 1.0f / problem.farthest;
   const float shift = 0.25f * reach * (near - far) * (2.0f * random.uniform() - 1.0f);
   const float stretch = 1.0f + 0.02f * reach * (2.0f * random.uniform() - 1.0f);
+  const float stretched = math::clamped(best.depth * stretch, problem.nearest, problem.farthest);
   const float x = random.normal(), y = random.normal(), z = random.normal();
   const Vec3 tilt = math::vec3_scale(math::vec3_of(x, y, z), 0.5f * reach);
   const Vec3 tilted = facing(problem.reference, u, v, math::vec3_add(best.normal, tilt));
@@ -109,9 +110,9 @@ STGS_FN void perturb(int iteration, Random random, Search<Sums>& search) {
   search.consider(drawn);
   search.consider({best.depth, drawn.normal});
   search.consider({shifted, best.normal});
-  search.consider({best.depth * stretch, best.normal});
+  search.consider({stretched, best.normal});
   search.consider({best.depth, tilted});
-  search.consider({best.depth * stretch, tilted});
+  search.consider({stretched, tilted});
 }
 
 STGS_FN std::size_t pixel_index(const StereoProblem& problem, int x, int y) {

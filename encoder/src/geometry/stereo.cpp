@@ -229,13 +229,10 @@ class Matcher {
       const float error =
           reprojection_error(problem.reference, source, u, v, depth, kMaxReprojectionError);
       if (error >= kMaxReprojectionError) continue;
-      const Vec3 p = math::vec3_add(
-          math::mat3_mul(source.rotation, math::vec3_scale(ray_at(problem.reference, u, v), depth)),
-          source.translation);
-      const auto x = static_cast<int>(source.image.fx * p.x / p.z + source.image.cx);
-      const auto y = static_cast<int>(source.image.fy * p.y / p.z + source.image.cy);
-      const float found = source.image.depth[static_cast<std::size_t>(y) * source.image.width + x];
-      count += std::abs(found - p.z) <= kMaxDepthError * p.z ? 1 : 0;
+      const SeenPoint seen = seen_point(problem.reference, source, u, v, depth);
+      if (seen.pixel == kNoPixel) continue;
+      const float difference = source.image.depth[seen.pixel] - seen.z;
+      count += std::abs(difference) <= kMaxDepthError * seen.z ? 1 : 0;
     }
     return count;
   }

@@ -29,7 +29,7 @@ struct StereoSettings {
 // The planes of a view, one per pixel.
 struct StereoMap {
   std::vector<Hypothesis> planes;           // in the view's camera space
-  std::vector<float> costs;                 // in [0, 1]
+  std::vector<float> costs;                 // above 1 where no source sees the pixel
   std::vector<std::uint8_t> confirmations;  // other views that confirm it; 0: fewer than needed
 };
 

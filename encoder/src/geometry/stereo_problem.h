@@ -109,24 +109,42 @@ STGS_FN Mat3 plane_homography(const StereoSource& source, Vec3 row) {
   return h;
 }
 
-// Returns how far the point at a depth returns from where it started, if it is projected into the
-// source and back from the source's depth there, pixels; `none` where the source has no depth.
-STGS_FN float reprojection_error(StereoImage reference, StereoSource source, float u, float v,
-                                 float depth, float none) {
+// A point in a source: its pixel and camera z. The pixel is kNoPixel outside the image.
+inline constexpr std::size_t kNoPixel = ~std::size_t{0};
+struct SeenPoint {
+  std::size_t pixel;
+  float u, v, z;
+};
+
+// Projects the point of the reference's image position (u, v) at a depth into a source.
+STGS_FN SeenPoint seen_point(StereoImage reference, const StereoSource& source, float u, float v,
+                             float depth) {
   const StereoImage s = source.image;
   const Vec3 point = math::vec3_scale(ray_at(reference, u, v), depth);
   const Vec3 there = math::vec3_add(math::mat3_mul(source.rotation, point), source.translation);
-  if (!(there.z > 0.0f)) return none;
-  const float su = s.fx * there.x / there.z + s.cx, sv = s.fy * there.y / there.z + s.cy;
-  if (!(su >= 0.0f && sv >= 0.0f && su < static_cast<float>(s.width) &&
-        sv < static_cast<float>(s.height)))
-    return none;
-  const std::size_t row = static_cast<std::size_t>(sv) * static_cast<std::size_t>(s.width);
-  const float found = s.depth[row + static_cast<std::size_t>(su)];
+  SeenPoint seen{kNoPixel, 0.0f, 0.0f, there.z};
+  if (!(there.z > 0.0f)) return seen;
+  seen.u = s.fx * there.x / there.z + s.cx;
+  seen.v = s.fy * there.y / there.z + s.cy;
+  if (seen.u >= 0.0f && seen.v >= 0.0f && seen.u < static_cast<float>(s.width) &&
+      seen.v < static_cast<float>(s.height)) {
+    const std::size_t row = static_cast<std::size_t>(seen.v) * static_cast<std::size_t>(s.width);
+    seen.pixel = row + static_cast<std::size_t>(seen.u);
+  }
+  return seen;
+}
+
+// Returns how far the point at a depth returns from where it started, if it is projected into the
+// source and back from the source's depth there, pixels; `none` where the source has no depth.
+STGS_FN float reprojection_error(StereoImage reference, const StereoSource& source, float u,
+                                 float v, float depth, float none) {
+  const SeenPoint seen = seen_point(reference, source, u, v, depth);
+  if (seen.pixel == kNoPixel) return none;
+  const float found = source.image.depth[seen.pixel];
   if (!(found > 0.0f)) return none;
-  const Vec3 seen = math::vec3_scale(ray_at(s, su, sv), found);
+  const Vec3 there = math::vec3_scale(ray_at(source.image, seen.u, seen.v), found);
   const Vec3 back = math::mat3_transpose_mul(
-      source.rotation, math::vec3_add(seen, math::vec3_scale(source.translation, -1.0f)));
+      source.rotation, math::vec3_add(there, math::vec3_scale(source.translation, -1.0f)));
   if (!(back.z > 0.0f)) return none;
   const float du = reference.fx * back.x / back.z + reference.cx - u;
   const float dv = reference.fy * back.y / back.z + reference.cy - v;

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
+#include <set>
+#include <utility>
 
 #include "plural.h"
 #include "train/rig.h"
@@ -11,9 +13,10 @@
 namespace stgs::encoder::init {
 namespace {
 
-constexpr double kFarAngle = 45;      // to the nearest camera, degrees
+constexpr double kFarAngle = 40;      // to the nearest camera, degrees
 constexpr double kLittleDepth = 0.2;  // measured share of a background
-constexpr double kExposureStops = 0.35;
+constexpr double kExposureStops = 0.7;
+constexpr double kGamma = 2.2;           // approximately that of the images
 constexpr double kBlurRatio = 0.5;       // of the gradients of the other cameras
 constexpr std::size_t kMinSamples = 60;  // points that a camera shares with two others
 constexpr std::size_t kMaxPoints = 5000;
@@ -25,11 +28,37 @@ double median_of(std::vector<double> values) {
   return *middle;
 }
 
+// The check of the calibration has logged its result.
+void find_calibration(const std::vector<View>& views, const CalibrationCheck& calibration,
+                      std::vector<Finding>* findings) {
+  if (views.size() < kMinPairs) return;  // not checked
+  const auto remedy_of = [](const Cause& cause, const char* otherwise) {
+    return cause.remedy.empty() ? std::string(otherwise) : cause.remedy;
+  };
+  if (calibration.pairs < kMinPairs) {
+    findings->push_back(
+        {fmt::format("the calibration could not be checked: {} of cameras {} enough matches",
+                     plural(calibration.pairs, "pair"), calibration.pairs == 1 ? "has" : "have"),
+         "check by the images of the report that points of one object coincide in all cameras",
+         true});
+  } else if (!calibration.fits) {
+    findings->push_back(
+        {"the calibration does not fit the images",
+         remedy_of(calibration.cause, "check the poses and intrinsics of all cameras"), true});
+  }
+  for (const Outlier& outlier : calibration.outliers) {
+    findings->push_back({fmt::format("the calibration of camera '{}' disagrees with the others",
+                                     views[std::size_t(outlier.view)].camera->name),
+                         remedy_of(outlier.cause, "calibrate it again, or leave it out"), true});
+  }
+}
+
 void find_gaps(const std::vector<View>& views, const cv::Vec3d& focus,
                std::vector<Finding>* findings) {
   std::vector<RigPose> poses;
   poses.reserve(views.size());
   for (const View& view : views) poses.push_back(rig_pose(*view.camera));
+  std::set<std::pair<std::size_t, std::size_t>> pairs;  // each is reported once
   for (std::size_t i = 0; i < poses.size(); ++i) {
     double nearest = 360;
     std::size_t neighbour = i;
@@ -40,28 +69,33 @@ void find_gaps(const std::vector<View>& views, const cv::Vec3d& focus,
       neighbour = j;
     }
     if (neighbour == i || nearest <= kFarAngle) continue;
+    if (!pairs.insert(std::minmax(i, neighbour)).second) continue;
     const std::string& other = views[neighbour].camera->name;
     findings->push_back(
-        {fmt::format("camera '{}' is {:.0f} degrees from the nearest one, '{}': what only it sees "
-                     "has no depth, and views between them are guesses",
+        {fmt::format("camera '{}' is {:.0f} degrees from the nearest one, '{}': content that no "
+                     "other camera "
+                     "sees has no depth, and views between them are guesses",
                      views[i].camera->name, nearest, other),
          fmt::format("add a camera between '{}' and '{}'", views[i].camera->name, other)});
   }
 }
 
 void find_unmeasured(const StaticScene& scene, std::vector<Finding>* findings) {
-  for (const Surface& surface : scene.surfaces) {
-    const double share =
-        double(cv::countNonZero(surface.weight > 0)) / double(surface.weight.total());
+  for (std::size_t i = 0; i < scene.surfaces.size(); ++i) {
+    const Surface& surface = scene.surfaces[i];
+    const int background = cv::countNonZero(scene.usable[i]);
+    if (background == 0) continue;
+    const double share = double(cv::countNonZero(surface.weight > 0)) / background;
     if (share >= kLittleDepth) continue;
     findings->push_back(
         {fmt::format("only {:.0f} % of the background of camera '{}' has measured depth",
                      100 * share, surface.view.camera->name),
-         "give plain walls and floors texture, or turn the camera towards what others see"});
+         "give plain walls and floors texture, or turn the camera towards content that other "
+         "cameras see"});
   }
 }
 
-// The logarithms of a surface's brightness and gradient where the cameras see one point.
+// The brightness of a point in one camera, in stops, and the logarithm of the gradient there.
 struct Sample {
   std::size_t view;
   double brightness, gradient;
@@ -90,7 +124,7 @@ std::vector<Sample> samples_of(const std::vector<Surface>& surfaces, const std::
     if (!p.inside || surfaces[i].weight.at<float>(p.y(), p.x()) <= 0) continue;
     const double depth = surfaces[i].depth.at<float>(p.y(), p.x());
     if (std::abs(depth - p.depth) > kSameDepth * p.depth) continue;
-    samples.push_back({i, std::log2(1.0 + grey[i].value.at<float>(p.y(), p.x())),
+    samples.push_back({i, kGamma * std::log2(1.0 + grey[i].value.at<float>(p.y(), p.x())),
                        std::log2(1.0 + grey[i].gradient.at<float>(p.y(), p.x()))});
   }
   return samples;
@@ -140,21 +174,9 @@ std::vector<Finding> find_weaknesses(const std::vector<View>& views, const Stati
                                      const CalibrationCheck& calibration,
                                      const std::vector<SurfacePoint>& points) {
   std::vector<Finding> findings;
-  for (const Outlier& outlier : calibration.outliers) {
-    findings.push_back({fmt::format("the calibration of camera '{}' disagrees with the others",
-                                    views[std::size_t(outlier.view)].camera->name),
-                        outlier.cause.remedy.empty() ? "calibrate it again, or leave it out"
-                                                     : outlier.cause.remedy});
-  }
-  if (calibration.pairs < kMinPairs) {
-    findings.push_back(
-        {fmt::format("the calibration could not be checked: {} of cameras {} enough matches",
-                     plural(calibration.pairs, "pair"), calibration.pairs == 1 ? "has" : "have"),
-         "check by the images of the report that points of one object coincide in all cameras",
-         true});
-  }
+  find_calibration(views, calibration, &findings);
   find_gaps(views, scene.focus.point, &findings);
-  find_unmeasured(scene, &findings);
+  if (views.size() > 1) find_unmeasured(scene, &findings);
   find_photometry(scene.surfaces, points, &findings);
   return findings;
 }

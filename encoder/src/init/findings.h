@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is weak about a prepared capture, why, and what to do about it.
+// The weaknesses of a prepared capture, with their reasons and remedies.
 #pragma once
 
 #include <string>

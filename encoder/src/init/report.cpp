@@ -93,13 +93,13 @@ std::vector<MapCamera> map_of(const PreparedCapture& capture) {
     down += cv::Vec3d(camera.rotation[3], camera.rotation[4], camera.rotation[5]);
   down = cv::norm(down) > 1e-6 ? cv::normalize(down) : cv::Vec3d(0, 1, 0);
   const cv::Vec3d any = std::abs(down[0]) < 0.9 ? cv::Vec3d(1, 0, 0) : cv::Vec3d(0, 0, 1);
-  const cv::Vec3d right = cv::normalize(any - down * down.dot(any)), forward = down.cross(right);
+  const cv::Vec3d right = cv::normalize(any - down * down.dot(any)), below = down.cross(right);
   std::vector<MapCamera> cameras;
   for (const Camera& camera : capture.cameras) {
     const RigPose pose = rig_pose(camera);
     const cv::Vec3d centre(pose.centre), view(pose.forward);
-    cameras.push_back({camera.name, right.dot(centre), forward.dot(centre), right.dot(view),
-                       forward.dot(view), camera.test});
+    cameras.push_back({camera.name, right.dot(centre), below.dot(centre), right.dot(view),
+                       below.dot(view), camera.test});
   }
   return cameras;
 }

@@ -11,6 +11,7 @@
 namespace stgs::encoder::init {
 namespace {
 
+constexpr std::size_t kMinViews = 3;  // two must confirm the depth of one
 // Full size gives no better points (basketball, workshop_ring), but takes four times as long.
 constexpr int kMinSide = 160, kMaxSide = 320;  // longer side of the images, pixels
 
@@ -65,7 +66,7 @@ Result<std::vector<StereoDepth>> match_static(const std::vector<StaticImage>& in
     const int half = std::max(input.view.camera->width, input.view.camera->height) / 2;
     views.push_back(make_view(*input.view.camera, std::clamp(half, kMinSide, kMaxSide)));
   }
-  if (!(sparsity_of(views, focus) > 0)) return depths;
+  if (views.size() < kMinViews || !(sparsity_of(views, focus) > 0)) return depths;
   work.stage("stereo", geometry::kStereoLoops);
   std::vector<geometry::StereoView> images;
   for (std::size_t i = 0; i < views.size(); ++i) {

@@ -13,15 +13,15 @@ namespace stgs::encoder::init {
 struct DepthRange;
 struct StaticImage;
 
-// What stereo confirms in one view.
+// The depth of one view that stereo confirms.
 struct StereoDepth {
   cv::Mat depth;   // CV_32F, scene units; 0: not confirmed
   cv::Mat normal;  // CV_32FC3, world space, unit, faces the camera
   cv::Mat cost;    // CV_32F, in [0, 1]
 };
 
-// Matches the images at half their size, or less, within a depth range. Returns one result per
-// image, or none if the rig is dense (rig.h), where a sweep is as good.
+// Matches the images within a depth range. Returns one result per image, at about half its size, or
+// none if the rig is dense (rig.h), where a sweep is as good, or has fewer than three cameras.
 Result<std::vector<StereoDepth>> match_static(const std::vector<StaticImage>& inputs,
                                               const cv::Vec3d& focus, const DepthRange& range,
                                               Work& work);

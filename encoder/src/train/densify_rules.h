@@ -42,7 +42,7 @@ struct EmptyView {
 
 // Passed to kernels by value.
 struct FreeSpace {
-  EmptyView views[kMaxEmptyViews];
+  EmptyView views[kMaxEmptyViews]{};
   int count = 0;
 };
 

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "train/free_space.h"
 
+#include <xxhash.h>
+
 #include <algorithm>
 #include <cmath>
 #include <tuple>
@@ -18,7 +20,7 @@ constexpr float kMarginShare = 0.15f;  // of the empty depth
 // Content is as near as this quantile of the depths of the points in the view. That of moving
 // content, which comes near a camera for a few frames, is smaller.
 constexpr double kStaticQuantile = 0.01, kDynamicQuantile = 0.002;
-constexpr std::size_t kMinPoints = 50;  // in the view
+constexpr std::size_t kMinPoints = 50;  // static ones, in the view
 constexpr double kMaxPairAngle = 50;    // of cameras with a view between them, degrees
 constexpr int kPairs = 2;               // views between a camera and others, at most
 
@@ -94,15 +96,18 @@ std::vector<Camera> views_of(const PreparedCapture& capture) {
   std::sort(pairs.begin(), pairs.end());
   pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
   for (const auto& [angle, i, j] : pairs) {
-    views.push_back(between(views[i], views[j], capture.scene_centre));
+    const Camera camera = between(views[i], views[j], capture.scene_centre);
+    // Not a number if a camera is at the centre, or two are rolled by half a turn.
+    if (std::isfinite(camera.translation[0] + camera.rotation[0] + camera.rotation[8]))
+      views.push_back(camera);
   }
   if (views.size() > kMaxEmptyViews) views.resize(kMaxEmptyViews);
   return views;
 }
 
-// The quantile of the depths of the points that the camera sees; infinite for too few points.
+// The quantile of the depths of the points that the camera sees; infinite for fewer than `least`.
 float near_depth(const math::PinholeCamera& camera, const std::vector<InitialPoint>& points,
-                 double quantile) {
+                 double quantile, std::size_t least) {
   std::vector<float> depths;
   for (const InitialPoint& point : points) {
     const math::Vec3 p =
@@ -111,7 +116,7 @@ float near_depth(const math::PinholeCamera& camera, const std::vector<InitialPoi
     const float u = camera.fx * p.x / p.z + camera.cx, v = camera.fy * p.y / p.z + camera.cy;
     if (u >= 0 && v >= 0 && u < camera.width && v < camera.height) depths.push_back(p.z);
   }
-  if (depths.size() < kMinPoints) return INFINITY;
+  if (depths.size() < least) return INFINITY;
   const auto at = depths.begin() +
                   static_cast<std::ptrdiff_t>(quantile * static_cast<double>(depths.size() - 1));
   std::nth_element(depths.begin(), at, depths.end());
@@ -126,9 +131,10 @@ Result<FreeSpace> find_free_space(const PreparedCapture& capture) {
   STGS_ASSIGN(const InitialPoints points, read_initial_points(capture));
   for (const Camera& camera : views_of(capture)) {
     const math::PinholeCamera pinhole = camera.pinhole(0.0f);
-    const float nearest = std::min(near_depth(pinhole, points.statics, kStaticQuantile),
-                                   near_depth(pinhole, points.dynamics, kDynamicQuantile));
-    if (!std::isfinite(nearest)) continue;
+    const float background = near_depth(pinhole, points.statics, kStaticQuantile, kMinPoints);
+    if (!std::isfinite(background)) continue;
+    const float nearest =
+        std::min(background, near_depth(pinhole, points.dynamics, kDynamicQuantile, 1));
     EmptyView& view = space.views[space.count++];
     view.rotation = pinhole.rotation;
     view.translation = pinhole.translation;
@@ -138,6 +144,12 @@ Result<FreeSpace> find_free_space(const PreparedCapture& capture) {
     view.margin = kMarginShare * view.depth;
   }
   return space;
+}
+
+std::string fingerprint_of(const FreeSpace& space) {
+  return fmt::format(
+      "{:016x}",
+      XXH3_64bits(space.views, sizeof(EmptyView) * static_cast<std::size_t>(space.count)));
 }
 
 }  // namespace stgs::encoder

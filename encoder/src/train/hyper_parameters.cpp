@@ -29,10 +29,8 @@ struct HyperParameterTable {
     STGS_VISIT(visit, weight_opacity, kMin, kMax, "Weight of L_opacity, in the second stage only");
     STGS_VISIT(visit, weight_scale, kMin, kMax,
                "Weight of L_scale, which is divided by the scene's radius");
-    STGS_VISIT(
-        visit, weight_normal, kMin, kMax,
-        "Weight of L_n; unless it is set, times how sparsely the cameras stand (0: densely) (PGSR: "
-        "0.015)");
+    STGS_VISIT(visit, weight_normal, kMin, kMax,
+               "Weight of L_n (PGSR: 0.015); the default fades to 0 for dense rigs");
     STGS_VISIT(visit, lr_position, kMin, kMax,
                "Learning rate of positions at the start, relative to the scene's extent");
     STGS_VISIT(visit, lr_position_final, 1e-15, 1e3, "Learning rate of positions at the end");

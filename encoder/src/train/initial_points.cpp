@@ -30,6 +30,7 @@ Result<InitialPoints> read_initial_points(const PreparedCapture& capture) {
   const std::string dynamic_path = capture.folder + "/points_dynamic.ply";
   STGS_ASSIGN(points.statics, read_prepared_points(capture, capture.folder + "/points_static.ply"));
   STGS_ASSIGN(points.dynamics, read_prepared_points(capture, dynamic_path));
+  points.is_moving = !points.dynamics.empty();
   const int frames =
       capture.window ? static_cast<int>(capture.window->capture_frames) : capture.frames;
   for (InitialPoint& point : points.dynamics) {

@@ -10,6 +10,7 @@ namespace stgs::encoder {
 
 struct InitialPoints {
   std::vector<InitialPoint> statics;
+  bool is_moving = false;              // the complete capture has dynamic points
   std::vector<InitialPoint> dynamics;  // of the capture's frames; `frame` counts from frame 0
 };
 

@@ -85,7 +85,7 @@ Result<std::vector<InitialPoint>> load_points(const PreparedCapture& capture,
   std::vector<InitialPoint>& static_points = read.statics;
   std::vector<InitialPoint>& dynamic_points = read.dynamics;
   if (!ablation.initialisation) {
-    if (dynamic_points.empty() && !capture.window) {
+    if (!read.is_moving) {
       return usage_error(
           "--ablate: initialisation has no effect, because {} has no dynamic points; remove it",
           capture.folder);

@@ -23,9 +23,11 @@ std::vector<RigPose> training_poses(const PreparedCapture& capture);
 // directions and of that under which `scene` sees them.
 double rig_angle(const RigPose& a, const RigPose& b, const double scene[3]);
 
-// Returns how sparse a rig is: 1 if views between its cameras are poorly determined by the images,
-// 0 if priors would only cost detail. It falls from 1 to 0 as the number of cameras grows from 17
-// to 27, and as the angle between neighbours falls from 17 to 14 degrees.
+// Returns how sparse a rig is, by the angle to the second nearest camera, the median over the
+// cameras. `scene` is a point in the middle of the scene; prepare has an estimate of it before
+// training does, so they may differ by a little in the transition. 1 if views between its cameras
+// are poorly determined by the images, 0 if priors would only cost detail. It falls from 1 to 0 as
+// the number of cameras grows from 17 to 27, and as that angle falls from 17 to 14 degrees.
 double rig_sparsity(const std::vector<RigPose>& poses, const double scene[3]);
 double rig_sparsity(const PreparedCapture& capture);
 

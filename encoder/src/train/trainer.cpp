@@ -60,9 +60,7 @@ Result<std::unique_ptr<Trainer>> Trainer::create(const PreparedCapture& capture,
 }
 
 Status Trainer::prepare_state() {
-  if (ablation_.densification) {
-    STGS_ASSIGN(free_space_, find_free_space(capture_));
-  }
+  STGS_TRY(prepare_priors());
   if (settings_.resume.empty()) {
     STGS_ASSIGN(state_, initial_state(capture_, growth_, ablation_, settings_.seed));
   } else {
@@ -151,6 +149,7 @@ Fingerprint Trainer::settings_fingerprint() const {
   const Fingerprint capture = fingerprint_of(capture_);
   all.insert(all.end(), capture.begin(), capture.end());
   all.emplace_back("perceptual weights", perceptual_.fingerprint());
+  all.emplace_back("free space", fingerprint_of(free_space_));
   all.emplace_back(kProcessesEntry, fmt::format("{}", ranks_.size()));
   return all;
 }

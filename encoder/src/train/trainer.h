@@ -41,6 +41,8 @@ class Trainer {
           LogSink log);
 
   Status prepare_state();
+  // Chooses the priors of a sparse rig (rig.h), and logs them.
+  Status prepare_priors();
   Status resume();
   Status prepare_ranks();
   Status prepare_backend();

@@ -84,7 +84,7 @@ TrainReport Trainer::report() const {
   report.perceptual = perceptual_.report();
   report.frames = images_.statistics();
   report.processes = ranks_.size();
-  report.parameters = list_hyper_parameters(parameters_);
+  report.parameters = list_hyper_parameters(growth_);
   return report;
 }
 

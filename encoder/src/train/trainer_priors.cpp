@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+// The priors of a sparse rig.
+#include <algorithm>
+
+#include "train/free_space.h"
+#include "train/rig.h"
+#include "train/trainer.h"
+
+namespace stgs::encoder {
+
+Status Trainer::prepare_priors() {
+  const double sparsity = rig_sparsity(capture_);
+  const bool sets_start = std::any_of(settings_.overrides.begin(), settings_.overrides.end(),
+                                      [](const auto& set) { return set.first == "normal_from"; });
+  if (sets_start && growth_.weight_normal == 0) {
+    return usage_error(
+        "--set normal_from has no effect, because L_n is off for rigs with many or close cameras; "
+        "set weight_normal, too, or remove it");
+  }
+  // Plain densification is that of 3DGS.
+  if (ablation_.densification) {
+    STGS_ASSIGN(free_space_, find_free_space(capture_));
+  }
+  if (sparsity > 0) {
+    log_(2, fmt::format("sparse rig ({:.2f} of 1): L_n has weight {:.3g}, and space in front of {} "
+                        "views is kept empty",
+                        sparsity, growth_.weight_normal, free_space_.count));
+  }
+  return {};
+}
+
+}  // namespace stgs::encoder
