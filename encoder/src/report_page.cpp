@@ -139,8 +139,10 @@ void ReportPage::table(const std::vector<std::pair<std::string, std::string>>& r
 }
 
 void ReportPage::image(const std::string& file, const std::string& caption) {
-  html_ += fmt::format("<figure><img src=\"{}\" alt=\"{}\"><figcaption>{}</figcaption></figure>\n",
-                       escape_url(file, "._-"), escape_html(caption), escape_html(caption));
+  html_ += fmt::format(
+      "<figure><a href=\"{0}\"><img src=\"{0}\" alt=\"{1}\"></a><figcaption>{1}</figcaption>"
+      "</figure>\n",
+      escape_url(file, "._-"), escape_html(caption));
 }
 
 void ReportPage::chart(const Chart& chart) {

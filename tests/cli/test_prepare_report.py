@@ -22,6 +22,11 @@ class PrepareReport(CliTest):
         self.assertIn("Cameras from above", page)
         names = re.findall(r'text-anchor="middle">(cam\d+)</text>', page)
         self.assertEqual(len(names), 10)
+        links = re.findall(r'<a href="([^"]*)"><img src="([^"]*)"', page)
+        self.assertGreater(len(links), 0)
+        for link, image in links:
+            self.assertEqual(link, image)
+            self.assertTrue(pathlib.Path(self.path("out"), "report", image).exists())
         self.assertEqual(page.count('fill="white"'), 1)  # the held-out camera
 
     def test_a_gap_between_cameras(self):

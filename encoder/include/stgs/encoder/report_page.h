@@ -48,7 +48,7 @@ class ReportPage {
   void code(const std::string& text);
   // Adds a table of (name, value) rows.
   void table(const std::vector<std::pair<std::string, std::string>>& rows);
-  // Adds an image file from the folder of the page. Consecutive images form a row.
+  // Adds an image file from the folder of the page, as a link to it. Consecutive images form a row.
   void image(const std::string& file, const std::string& caption);
   // Adds a line chart. Adds nothing if no series has two points.
   void chart(const Chart& chart);
