@@ -190,7 +190,7 @@ void ReportPage::bars(const BarChart& chart) {
 }
 
 void ReportPage::map(const std::string& title, const std::vector<MapCamera>& cameras) {
-  constexpr double kSize = 360, kMargin = 40, kArrow = 26, kDot = 5;
+  constexpr double kSize = 360, kMargin = 40, kArrow = 26, kDot = 5, kLabelX = 30, kLabelY = 16;
   if (cameras.empty()) return;
   Range x, y;
   for (const MapCamera& camera : cameras) {
@@ -210,7 +210,7 @@ void ReportPage::map(const std::string& title, const std::vector<MapCamera>& cam
         "<circle cx=\"{:.1f}\" cy=\"{:.1f}\" r=\"{}\" stroke=\"{}\" fill=\"{}\"/>"
         "<text x=\"{:.1f}\" y=\"{:.1f}\" text-anchor=\"middle\">{}</text>\n",
         px, py, px + kArrow * ux, py + kArrow * uy, kColours[0], px, py, kDot, kColours[0],
-        camera.hollow ? "white" : kColours[0], px - 16 * ux, py - 16 * uy + 4,
+        camera.hollow ? "white" : kColours[0], px - kLabelX * ux, py - kLabelY * uy + 4,
         escape_html(camera.name));
   }
   html_ += "</svg>\n";
