@@ -4,9 +4,11 @@ import json
 import os
 import re
 import shutil
+import struct
 import subprocess
 import tempfile
 import unittest
+import zlib
 
 STGS = ""  # the program, set by run.py
 FIXTURE = ""  # folder written by make_fixture; tests never modify it
@@ -16,6 +18,14 @@ SOURCE = ""  # the project's root
 def sample():
     """Returns the path of the sample capture in the source tree."""
     return os.path.join(SOURCE, "tests", "data", "workshop")
+
+
+def png(width, height, data, colours=2):
+    """Returns an 8-bit PNG with these filtered rows, of colour type `colours` (0: grey, 2: RGB)."""
+    def chunk(kind, content):
+        return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+    return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, colours, 0, 0, 0)) +
+            chunk(b"IDAT", zlib.compress(data)) + chunk(b"IEND", b""))
 
 
 def built_in(part):

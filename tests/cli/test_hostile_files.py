@@ -13,19 +13,11 @@ import zipfile
 import zlib
 
 import harness
-from harness import CliTest, built_in
+from harness import CliTest, built_in, png
 
 USAGE, INVALID, UNSUPPORTED = 1, 3, 5
 GIB = 1 << 30
 SECONDS = 30  # for runs that take less than one, and took minutes
-
-
-def png(width, height, data):
-    def chunk(tag, content):
-        return (struct.pack(">I", len(content)) + tag + content +
-                struct.pack(">I", zlib.crc32(tag + content)))
-    return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)) +
-            chunk(b"IDAT", zlib.compress(data)) + chunk(b"IEND", b""))
 
 
 def jpeg(*segments):

@@ -3,22 +3,10 @@
 import json
 import pathlib
 import shutil
-import struct
-import zlib
 
-from harness import CliTest
+from harness import CliTest, png
 
 IO, INVALID = 2, 3
-
-
-def grey_png(width, height, value_of):
-    """Returns a PNG with the grey value value_of(x, y) at each pixel."""
-    rows = b"".join(b"\0" + bytes(value_of(x, y) for x in range(width)) for y in range(height))
-
-    def chunk(kind, data):
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-    return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0))
-            + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b""))
 
 
 class MaskedMetrics(CliTest):
@@ -33,7 +21,9 @@ class MaskedMetrics(CliTest):
         folder = pathlib.Path(self.path("masks"), self.camera["name"])
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
-        image = grey_png(width or self.camera["width"], self.camera["height"], value_of)
+        width, height = width or self.camera["width"], self.camera["height"]
+        rows = b"".join(b"\0" + bytes(value_of(x, y) for x in range(width)) for y in range(height))
+        image = png(width, height, rows, colours=0)
         for frame in range(self.frames):
             (folder / f"{frame:06}.png").write_bytes(image)
         return folder

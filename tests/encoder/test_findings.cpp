@@ -97,7 +97,7 @@ TEST_CASE("cameras far from the others, and those between which one is missing, 
   CHECK(mentions(findings, "camera 'cam2' is 90 degrees from the nearest one, 'cam"));
 }
 
-TEST_CASE("exposure and blur are found by what several cameras see") {
+TEST_CASE("exposure and blur are found by points that several cameras see") {
   Rig capture = rig(4, 0.4);
   cv::Mat& bright = capture.scene.surfaces[1].rgb;
   bright.convertTo(bright, -1, 1.4);

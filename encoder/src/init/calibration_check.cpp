@@ -76,7 +76,7 @@ View to_cm(const View& v) {
   return with_distance(v, 100);
 }
 
-// A mistake, what to do about it, and the view without it.
+// A mistake, its remedy, and the view without it.
 struct Mistake {
   const char* text;
   const char* remedy;

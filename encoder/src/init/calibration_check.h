@@ -13,9 +13,9 @@ namespace stgs::encoder::init {
 
 // A mistake that explains why matches do not agree with a calibration.
 struct Cause {
-  std::string text;    // empty: none is known
-  std::string remedy;  // what to do about it
-  double error = 0;    // without the mistake, pixels
+  std::string text;  // empty: none is known
+  std::string remedy;
+  double error = 0;  // without the mistake, pixels
 };
 
 // A camera that disagrees with the others.

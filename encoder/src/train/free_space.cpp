@@ -8,11 +8,17 @@
 #include <tuple>
 #include <vector>
 
+#include "math/grad.h"
 #include "train/initial_points.h"
 #include "train/rig.h"
 
 namespace stgs::encoder {
 namespace {
+
+using math::dot3;
+using math::Vec3;
+using math::vec3_add;
+using math::vec3_scale;
 
 // Part of the depth of the nearest content that is taken to be empty.
 constexpr float kEmptyShare = 0.5f;
@@ -24,53 +30,42 @@ constexpr std::size_t kMinPoints = 50;  // static ones, in the view
 constexpr double kMaxPairAngle = 50;    // of cameras with a view between them, degrees
 constexpr int kPairs = 2;               // views between a camera and others, at most
 
-struct Vector {
-  double x[3];
-};
-
-double dot(const Vector& a, const Vector& b) {
-  return a.x[0] * b.x[0] + a.x[1] * b.x[1] + a.x[2] * b.x[2];
+Vec3 unit(Vec3 v) {
+  return vec3_scale(v, 1.0f / std::sqrt(dot3(v, v)));
 }
 
-Vector scaled(const Vector& a, double s) {
-  return {{s * a.x[0], s * a.x[1], s * a.x[2]}};
+Vec3 difference(Vec3 a, Vec3 b) {
+  return vec3_add(a, vec3_scale(b, -1.0f));
 }
 
-Vector sum(const Vector& a, const Vector& b) {
-  return {{a.x[0] + b.x[0], a.x[1] + b.x[1], a.x[2] + b.x[2]}};
-}
-
-Vector unit(const Vector& a) {
-  return scaled(a, 1 / std::sqrt(dot(a, a)));
+Vec3 vector(const double* v) {
+  return {static_cast<float>(v[0]), static_cast<float>(v[1]), static_cast<float>(v[2])};
 }
 
 // The middle of the arc around `scene` between two positions.
-Vector middle(const Vector& a, const Vector& b, const Vector& scene) {
-  const Vector from_a = sum(a, scaled(scene, -1)), from_b = sum(b, scaled(scene, -1));
-  const double radius = 0.5 * (std::sqrt(dot(from_a, from_a)) + std::sqrt(dot(from_b, from_b)));
-  return sum(scene, scaled(unit(sum(unit(from_a), unit(from_b))), radius));
+Vec3 middle(Vec3 a, Vec3 b, Vec3 scene) {
+  const Vec3 from_a = difference(a, scene), from_b = difference(b, scene);
+  const float radius = 0.5f * (std::sqrt(dot3(from_a, from_a)) + std::sqrt(dot3(from_b, from_b)));
+  return vec3_add(scene, vec3_scale(unit(vec3_add(unit(from_a), unit(from_b))), radius));
 }
 
 // A camera between two, turned halfway.
 Camera between(const Camera& a, const Camera& b, const double scene[3]) {
   const auto row = [&](int r) {
-    Vector mean{};
-    for (int c = 0; c < 3; ++c) mean.x[c] = a.rotation[3 * r + c] + b.rotation[3 * r + c];
-    return mean;
+    return vec3_add(vector(a.rotation + 3 * r), vector(b.rotation + 3 * r));
   };
-  const Vector forward = unit(row(2));
-  const Vector right = unit(sum(row(0), scaled(forward, -dot(row(0), forward))));
-  const RigPose pa = rig_pose(a), pb = rig_pose(b);
-  const auto vector = [](const double* p) { return Vector{{p[0], p[1], p[2]}}; };
-  const Vector centre = middle(vector(pa.centre), vector(pb.centre), vector(scene));
+  const Vec3 z = unit(row(2));
+  const Vec3 x = unit(difference(row(0), vec3_scale(z, dot3(row(0), z))));
+  const Vec3 y = {z.y * x.z - z.z * x.y, z.z * x.x - z.x * x.z, z.x * x.y - z.y * x.x};
+  const Vec3 centre = middle(vector(rig_pose(a).centre), vector(rig_pose(b).centre), vector(scene));
   Camera camera = a;
-  for (int c = 0; c < 3; ++c) {
-    const int d = (c + 1) % 3, e = (c + 2) % 3;
-    camera.rotation[c] = right.x[c];
-    camera.rotation[3 + c] = forward.x[d] * right.x[e] - forward.x[e] * right.x[d];
-    camera.rotation[6 + c] = forward.x[c];
+  const Vec3 axes[3] = {x, y, z};
+  for (int r = 0; r < 3; ++r) {
+    camera.rotation[3 * r] = axes[r].x;
+    camera.rotation[3 * r + 1] = axes[r].y;
+    camera.rotation[3 * r + 2] = axes[r].z;
+    camera.translation[r] = -dot3(axes[r], centre);
   }
-  for (int r = 0; r < 3; ++r) camera.translation[r] = -dot(vector(camera.rotation + 3 * r), centre);
   return camera;
 }
 
