@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <iterator>
 #include <nlohmann/json.hpp>
 #include <set>
 #include <string_view>
@@ -111,6 +112,13 @@ math::PinholeCamera Camera::pinhole(float near_plane) const {
   camera.height = static_cast<float>(height);
   camera.near_plane = near_plane;
   return camera;
+}
+
+std::vector<Camera> PreparedCapture::training_cameras() const {
+  std::vector<Camera> training;
+  std::copy_if(cameras.begin(), cameras.end(), std::back_inserter(training),
+               [](const Camera& camera) { return !camera.test; });
+  return training;
 }
 
 std::string PreparedCapture::frame_path(const Camera& camera, int frame) const {

@@ -44,6 +44,18 @@ class Capture(CliTest):
                    "--against", self.fixture("prepared"), "--cameras", "a,a")
 
 
+class Refinement(CliTest):
+    def test_the_output_lists_the_cameras(self):
+        train = ("train", self.fixture("prepared"), "-o", "a.stgs", "--iterations", "4")
+        self.assertEqual(self.json_of(*train)["cameras"], [])
+        cameras = self.json_of(*train, "--refine-cameras")["cameras"]
+        with open(os.path.join(self.fixture("prepared"), "capture.json"), encoding="utf-8") as file:
+            training = [c["name"] for c in json.load(file)["cameras"] if not c["test"]]
+        self.assertEqual([c["name"] for c in cameras], training)
+        self.fails(USAGE, "lr_camera=1e-3 has no effect without --refine-cameras", "train",
+                   self.fixture("prepared"), "-o", "b.stgs", "--set", "lr_camera=1e-3")
+
+
 class Parameters(CliTest):
     def test_invalid_values_are_rejected(self):
         cases = [

@@ -10,6 +10,7 @@
 #include "stgs/encoder/pack.h"
 #include "stgs/encoder/train.h"
 #include "stgs/encoder/training_log.h"
+#include "train/camera_refinement.h"
 
 using namespace stgs;
 using namespace stgs::encoder;
@@ -32,6 +33,36 @@ TEST_CASE("training from rough grey points recovers a held-out view") {
   CHECK(after > 24.0);
   CHECK(scene->gaussians.size() <= 600);
   CHECK(scene->metadata.frames == 6);
+}
+
+TEST_CASE("refinement finds the camera that is disturbed") {
+  SyntheticCapture synthetic(8);
+  const std::size_t disturbed = 3;
+  Camera& camera = synthetic.capture.cameras[disturbed];
+  // Turned by 1 degree and moved by 2 % of the distance to the scene: 2.5 pixels.
+  camera = corrected(camera, {0.010f, -0.0142f, 0.0f, -0.02f, -0.04f, 0.02f, 0.0f});
+  TrainSettings settings = short_run(3000);
+  settings.overrides.emplace_back("compact_share", "0");
+  const Result<Scene> trusting = run(synthetic, settings);
+  settings.refine_cameras = true;
+  TrainReport report;
+  std::string logged;
+  const auto log = [&](int, const std::string& line) { logged += line + "\n"; };
+  const Result<Scene> refined = train(synthetic.capture, settings, nullptr, log, &report);
+  REQUIRE(trusting.ok());
+  REQUIRE(refined.ok());
+  const double before = held_out_psnr(synthetic, *trusting);
+  const double after = held_out_psnr(synthetic, *refined);
+  CAPTURE(before, after, logged);
+  CHECK(after > before + 0.8);
+  REQUIRE(report.cameras.size() == 7);
+  for (const RefinedCamera& found : report.cameras) {
+    CAPTURE(found.camera.name, found.degrees, found.shift, found.zoom, found.pixels);
+    const bool is_disturbed = found.camera.name == camera.name;
+    CHECK((found.pixels > 1) == is_disturbed);
+    CHECK((logged.find(fmt::format("camera '{}'", found.camera.name)) != std::string::npos) ==
+          is_disturbed);
+  }
 }
 
 TEST_CASE("two ranks recover a held-out view as well as one rank over the same number of views") {

@@ -10,6 +10,7 @@
 #include "fixtures/train_run.h"
 #include "stgs/encoder/train.h"
 #include "stgs/encoder/training_log.h"
+#include "train/camera_refinement.h"
 #include "train/checkpoint.h"
 
 using namespace stgs;
@@ -24,6 +25,7 @@ TEST_CASE("an interrupted and resumed run gives the same bits") {
   const SyntheticCapture synthetic;
   const std::string checkpoint = synthetic.capture.folder + "/train.ckpt";
   TrainSettings settings = short_run(120);
+  settings.refine_cameras = true;
   const Result<Scene> uninterrupted = run(synthetic, settings);
   REQUIRE(uninterrupted.ok());
 
@@ -212,6 +214,9 @@ TEST_CASE("a checkpoint whose state is not that of the run is rejected") {
     maps->pop_back();
   cameras.colour_updates.pop_back();
   CHECK(resume(cameras).code() == StatusCode::kInvalidFile);
+  TrainState refined = checkpoint->state;  // of other cameras
+  begin_refinement(refined.colour.size() + 1, refined);
+  CHECK(resume(refined).code() == StatusCode::kInvalidFile);
   TrainState degree;  // as would the gradients of SH
   degree.resize(checkpoint->state.size());
   degree.colour = checkpoint->state.colour;

@@ -25,6 +25,11 @@ std::vector<float> flatten(const std::vector<ColourMap>& maps) {
   return all;
 }
 
+std::vector<float> values_of(const math::CameraGrad& camera) {
+  const math::Vec3 r = camera.rotation, t = camera.translation;
+  return {r.x, r.y, r.z, t.x, t.y, t.z, camera.log_focal};
+}
+
 }  // namespace
 
 TEST_CASE("one CUDA step has the losses, statistics and gradients of the CPU") {
@@ -32,8 +37,9 @@ TEST_CASE("one CUDA step has the losses, statistics and gradients of the CPU") {
     const std::vector<Image8> ground_truths = random_ground_truths(c, 1);
     TrainState cpu = initial_state(c), gpu = cpu;
     const auto reference = make_cpu_backend();
-    const std::vector<StepOutput> expected = run_steps(*reference, cpu, c, 1, ground_truths);
-    const std::vector<StepOutput> found = run_steps(cuda_backend(), gpu, c, 1, ground_truths);
+    const auto with_camera = [](StepInput& input) { input.gather_camera = true; };
+    const auto expected = run_steps(*reference, cpu, c, 1, ground_truths, with_camera);
+    const auto found = run_steps(cuda_backend(), gpu, c, 1, ground_truths, with_camera);
     INFO(c.primitives << " primitives, " << c.width << "x" << c.height);
     REQUIRE(found.size() == 1);
     std::printf("%zu primitives, %dx%d: loss %.7f (CPU %.7f), visible %zu (%zu)\n", c.primitives,
@@ -61,6 +67,8 @@ TEST_CASE("one CUDA step has the losses, statistics and gradients of the CPU") {
     }
     compare("colour", flatten(cpu.colour_first), flatten(gpu.colour_first), 1e-3);
     compare("colour map", flatten(cpu.colour), flatten(gpu.colour), 1e-4);
+    REQUIRE(found[0].camera);
+    compare("camera", values_of(*expected[0].camera), values_of(*found[0].camera), 3e-3);
   }
 }
 

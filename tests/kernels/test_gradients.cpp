@@ -15,6 +15,7 @@
 #include "fixtures/loop_threads.h"
 #include "raster_scene.h"
 #include "stgs/format/math/lifespan.h"
+#include "train/camera_refinement.h"
 #include "vector_targets.h"
 
 using namespace stgs;
@@ -145,6 +146,64 @@ TEST_CASE("gradients of every parameter match finite differences") {
       check(p, "sigma", set.sigma, g.sigma, 8e-3f);
       check(p, "radius", set.radius, g.radius, 8e-3f);
     }
+  }
+}
+
+namespace {
+
+// A problem whose camera has a correction, at 0 when its gradient is computed.
+struct CameraProblem {
+  Problem problem;
+  encoder::Camera camera;
+  encoder::CameraCorrection correction{};
+
+  double loss() {
+    problem.camera = encoder::corrected(camera, correction).pinhole(problem.camera.near_plane);
+    return problem.loss();
+  }
+};
+
+encoder::Camera camera_of(const math::PinholeCamera& pinhole) {
+  encoder::Camera camera;
+  camera.width = static_cast<int>(pinhole.width);
+  camera.height = static_cast<int>(pinhole.height);
+  camera.fx = pinhole.fx;
+  camera.fy = pinhole.fy;
+  camera.cx = pinhole.cx;
+  camera.cy = pinhole.cy;
+  const math::Mat3& r = pinhole.rotation;
+  const float rotation[9] = {r.xx, r.xy, r.xz, r.yx, r.yy, r.yz, r.zx, r.zy, r.zz};
+  std::copy_n(rotation, 9, camera.rotation);
+  std::copy_n(&pinhole.translation.x, 3, camera.translation);
+  return camera;
+}
+
+}  // namespace
+
+TEST_CASE("the gradient of the camera matches finite differences") {
+  for (unsigned seed : {1u, 2u, 3u}) {
+    CameraProblem p{make_problem(seed), {}, {}};
+    p.camera = camera_of(p.problem.camera);
+    // Not the primitive whose projection is clamped, at limits that the gradient holds constant.
+    p.problem.model.set.opacity_logit[0] = -20.0f;
+    p.loss();
+    const Problem& problem = p.problem;
+    BlendBackwardScratch scratch;
+    std::vector<SplatGradients> splats;
+    PrimitiveGradients g;
+    g.with_camera = true;
+    blend_backward(problem.frame, problem.settings, problem.output, problem.weights, nullptr,
+                   scratch, splats);
+    project_backward(problem.model.set, problem.t, problem.camera, problem.settings, problem.frame,
+                     splats, g);
+    const math::Vec3 r = g.camera.rotation, t = g.camera.translation;
+    const float gradient[] = {r.x, r.y, r.z, t.x, t.y, t.z, g.camera.log_focal};
+    const std::span<float> correction(p.correction);
+    const std::span<const float> expected(gradient);
+    testing::check_gradient(p, "turn", correction.first(3), expected.first(3), 2e-3f, 5e-3);
+    testing::check_gradient(p, "shift", correction.subspan(3, 3), expected.subspan(3, 3), 4e-3f,
+                            5e-3);
+    testing::check_gradient(p, "focal", correction.last(1), expected.last(1), 2e-3f, 5e-3);
   }
 }
 

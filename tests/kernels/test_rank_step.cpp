@@ -51,6 +51,7 @@ std::vector<StepInput> make_inputs(const Setting& setting,
                                  setting.sh_degree);
     input.learn_radius = setting.learn_radius;
     input.modulated = !setting.coupled;
+    input.gather_camera = true;
     // Two of three ranks share a camera.
     input.colour_index = static_cast<std::size_t>(r) % 2;
     batch.push_back({math::camera_centre(camera), input.ticks, input.colour_index});
@@ -101,6 +102,8 @@ TEST_CASE("a step of several ranks has the mean of their gradients") {
     CHECK(same_bits(joint[0], joint[r]));
     CHECK(joint_outputs[r].loss == single_outputs[r].loss);
     CHECK(joint_outputs[r].visible == single_outputs[r].visible);
+    REQUIRE(joint_outputs[r].camera);
+    CHECK(joint_outputs[r].camera->log_focal == single_outputs[r].camera->log_focal);
   }
   const TrainState& found = joint[0];
   const auto views = static_cast<float>(inputs.size());

@@ -6,6 +6,7 @@
 #include "options.h"
 #include "output_path.h"
 #include "parameter_options.h"
+#include "stgs/encoder/camera_json.h"
 #include "train_report.h"
 #include "usage.h"
 
@@ -55,6 +56,11 @@ void TrainOptions::declare(Arguments& app, bool with_packing) {
       ->group(group);
   app.add_option("--perceptual-weights", settings_.perceptual_weights,
                  "Safetensors file of VGG16 weights; enables the perceptual loss")
+      ->group(group);
+  app.add_flag(
+         "--refine-cameras", settings_.refine_cameras,
+         "Refine the poses and focal lengths of the training cameras with the scene; --format "
+         "json lists them")
       ->group(group);
   app.add_option("--log", settings_.log_path,
                  "Write steps and evaluations to this file, as JSON lines")
@@ -159,6 +165,19 @@ Json to_json(const encoder::PerceptualReport& perceptual) {
           {"patch", perceptual.patch}};
 }
 
+Json to_json(const std::vector<encoder::RefinedCamera>& cameras) {
+  Json json = Json::array();
+  for (const encoder::RefinedCamera& refined : cameras) {
+    Json camera = encoder::camera_to_json(refined.camera);
+    camera["degrees"] = refined.degrees;
+    camera["shift"] = refined.shift;
+    camera["zoom"] = refined.zoom;
+    camera["pixels"] = refined.pixels;
+    json.push_back(std::move(camera));
+  }
+  return json;
+}
+
 }  // namespace
 
 Json to_json(const encoder::TrainReport& report) {
@@ -177,7 +196,8 @@ Json to_json(const encoder::TrainReport& report) {
             {"wait_seconds", report.frames.wait_seconds}}},
           {"held_out", report.held_out ? to_json(*report.held_out) : Json(nullptr)},
           {"perceptual", report.perceptual ? to_json(*report.perceptual) : Json(nullptr)},
-          {"processes", report.processes}};
+          {"processes", report.processes},
+          {"cameras", to_json(report.cameras)}};
 }
 
 Status train_to_file(const encoder::PreparedCapture& capture, const std::string& output,

@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "math/camera_grad.h"
 #include "math/damp.h"
 #include "perceptual/patch.h"
 #include "perceptual/vgg16.h"
@@ -50,6 +51,7 @@ struct StepInput {
   bool learn_radius = true;                // false: r is constant
   bool second_stage = false;               // L_opacity is on
   bool gather_statistics = false;          // for densification
+  bool gather_camera = false;              // compute StepOutput::camera
   std::array<float, kAttributes> rates{};  // learning rates; kSh: of SH degrees above 0
   float rate_sh0 = 0;
   AdamBetas betas;  // of the primitives; differ from Adam's defaults only with a batch
@@ -65,11 +67,12 @@ struct StepInput {
 };
 
 struct StepOutput {
-  double loss = 0;          // L_recon + L_reg
-  double l1 = 0, ssim = 0;  // means over the image
-  double normal = 0;        // L_n before weighting; 0 if it is off
-  double perceptual = 0;    // L_lpips of the patch before weighting; 0 if it is off
-  std::size_t visible = 0;  // primitives rendered
+  double loss = 0;                         // L_recon + L_reg
+  double l1 = 0, ssim = 0;                 // means over the image
+  double normal = 0;                       // L_n before weighting; 0 if it is off
+  double perceptual = 0;                   // L_lpips of the patch before weighting; 0 if it is off
+  std::size_t visible = 0;                 // primitives rendered
+  std::optional<math::CameraGrad> camera;  // gradient of L_recon, if it is gathered
 };
 
 struct DensifyInput {

@@ -26,9 +26,10 @@ Status report_outliers(const CalibrationCheck& check, const std::vector<View>& v
   Cause cause;
   for (const Outlier& outlier : check.outliers) {
     const std::string& camera = views[outlier.view].camera->name;
-    work.log(fmt::format("calibration: camera '{}' disagrees with the others: its matches are {}; "
-                         "check its pose and its intrinsics, or leave it out",
-                         camera, distance_text(outlier.error, outlier.is_behind)),
+    work.log(fmt::format(
+                 "calibration: camera '{}' disagrees with the others: its matches are {}; "
+                 "check its pose and its intrinsics, leave it out, or train with --refine-cameras",
+                 camera, distance_text(outlier.error, outlier.is_behind)),
              1);
     if (cause.text.empty()) cause = outlier.cause;
     if (cause.text.empty() || outlier.cause.text != cause.text) continue;

@@ -17,7 +17,7 @@ namespace stgs::encoder {
 namespace {
 
 // The last byte is the layout version; the others never change.
-constexpr char kMagic[8] = {'S', 'T', 'G', 'S', 'C', 'K', 'P', '4'};
+constexpr char kMagic[8] = {'S', 'T', 'G', 'S', 'C', 'K', 'P', '5'};
 constexpr std::size_t kLayout = sizeof(kMagic) - 1;
 
 class Writer {
@@ -153,6 +153,12 @@ void visit_state(State& state, Archive& archive) {
   archive.array(state.colour_first);
   archive.array(state.colour_second);
   archive.array(state.colour_updates);
+  archive.array(state.cameras);
+  archive.array(state.cameras_first);
+  archive.array(state.cameras_second);
+  archive.array(state.camera_updates);
+  archive.array(state.camera_sums);
+  archive.array(state.camera_views);
   visit_compaction(state.compaction, archive);
 }
 
@@ -193,7 +199,10 @@ bool is_consistent(const TrainState& state) {
            state.moments[a].first.size() == expected && state.moments[a].second.size() == expected;
   }
   same = same && is_consistent(state.compaction, n);
-  const std::size_t cameras = state.colour.size();
+  const std::size_t cameras = state.colour.size(), refined = state.cameras.size();
+  same = same && (refined == 0 || refined == cameras) && state.cameras_first.size() == refined &&
+         state.cameras_second.size() == refined && state.camera_updates.size() == refined &&
+         state.camera_sums.size() == refined && state.camera_views.size() == refined;
   return same && state.updates.size() == n && state.statistics.gradient_sum.size() == n &&
          state.statistics.abs_gradient_sum.size() == n && state.statistics.error_max.size() == n &&
          state.statistics.views.size() == n && state.colour_first.size() == cameras &&
@@ -214,9 +223,7 @@ Status write_checkpoint(const std::string& path, const TrainState& state,
 
 Status check_state(const std::string& path, const TrainState& state, const PreparedCapture& capture,
                    int sh_degree, bool coupled) {
-  const auto cameras = std::count_if(capture.cameras.begin(), capture.cameras.end(),
-                                     [](const Camera& camera) { return !camera.test; });
-  if (state.colour.size() == static_cast<std::size_t>(cameras) &&
+  if (state.colour.size() == capture.training_cameras().size() &&
       state.set.sh_degree == sh_degree && state.is_coupled() == coupled &&
       state.iteration <= static_cast<std::uint64_t>(std::numeric_limits<int>::max())) {
     return {};

@@ -7,6 +7,7 @@
 
 #include "pack/most_important.h"
 #include "stgs/format/math/lifespan.h"
+#include "train/camera_refinement.h"
 #include "train/step_schedule.h"
 #include "train/trainer.h"
 
@@ -118,7 +119,8 @@ Status Trainer::choose_size() {
 
 Result<double> Trainer::training_psnr() {
   STGS_TRY(synchronise());
-  STGS_ASSIGN(const HeldOutViews views, HeldOutViews::load(capture_, false, kTargetViews));
+  STGS_ASSIGN(const HeldOutViews views,
+              HeldOutViews::load(with_refined_cameras(capture_, state_), false, kTargetViews));
   return views.evaluate(state_.set, state_.background).psnr_cc;
 }
 

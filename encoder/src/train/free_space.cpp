@@ -71,10 +71,7 @@ Camera between(const Camera& a, const Camera& b, const double scene[3]) {
 
 // The training cameras, then those between neighbours, nearest pairs first.
 std::vector<Camera> views_of(const PreparedCapture& capture) {
-  std::vector<Camera> views;
-  for (const Camera& camera : capture.cameras) {
-    if (!camera.test) views.push_back(camera);
-  }
+  std::vector<Camera> views = capture.training_cameras();
   const std::vector<RigPose> poses = training_poses(capture);
   using Pair = std::tuple<double, std::size_t, std::size_t>;
   std::vector<Pair> pairs;

@@ -55,6 +55,13 @@ struct HyperParameterTable {
     STGS_VISIT(visit, lr_sigma, kMin, kMax, "Learning rate of log sigma");
     STGS_VISIT(visit, lr_radius, kMin, kMax, "Learning rate of lifespan radii", "frames");
     STGS_VISIT(visit, lr_colour, kMin, kMax, "Learning rate of the affine colour of each camera");
+    STGS_VISIT(visit, lr_camera, kMin, kMax,
+               "Refined cameras: learning rate of angles, of shifts over the distance and of the "
+               "logarithm of focal lengths, at the start",
+               "radians");
+    STGS_VISIT(
+        visit, camera_pull, kMin, kMax,
+        "Refined cameras: fraction of a correction that each step takes back, over the rate");
     STGS_VISIT(visit, batch_rate, kMin, kMax,
                "A step over R views multiplies all rates except lr_colour by R to this power");
     STGS_VISIT(visit, batch_memory, kMin, kMax,

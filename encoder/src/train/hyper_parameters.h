@@ -48,6 +48,9 @@ struct HyperParameters {
   double lr_sigma = 5e-3;
   double lr_radius = 5e-3;
   double lr_colour = 1e-3;
+  // Refinement of the cameras.
+  double lr_camera = 3e-3;
+  double camera_pull = 0.7;
   // A step over R views, one per process, multiplies all rates except lr_colour by R^batch_rate and
   // raises Adam's decay factors to the power R^batch_memory.
   double batch_rate = 0.5;

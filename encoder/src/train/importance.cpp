@@ -110,9 +110,8 @@ math::PinholeCamera widened(math::PinholeCamera camera) {
 
 std::vector<ImportanceView> importance_views(const PreparedCapture& capture, int count) {
   std::vector<math::PinholeCamera> cameras;
-  for (const Camera& camera : capture.cameras) {
-    if (!camera.test) cameras.push_back(half_size(camera.pinhole(capture.near_plane)));
-  }
+  for (const Camera& camera : capture.training_cameras())
+    cameras.push_back(half_size(camera.pinhole(capture.near_plane)));
   // Other viewpoints see more than the training images do.
   const std::size_t trained = cameras.size();
   for (std::size_t i = 0; i < trained; ++i) cameras.push_back(widened(cameras[i]));

@@ -181,8 +181,7 @@ Result<TrainState> initial_points_state(const PreparedCapture& capture,
                                    1e-4f * radius, 0.1f * radius);
     set_primitive(points[i], scale, capture, parameters, ablation, i, state);
   }
-  std::size_t training_cameras = 0;
-  for (const Camera& camera : capture.cameras) training_cameras += camera.test ? 0 : 1;
+  const std::size_t training_cameras = capture.training_cameras().size();
   state.colour.assign(training_cameras, kIdentityColour);
   state.colour_first.assign(training_cameras, ColourMap{});
   state.colour_second.assign(training_cameras, ColourMap{});

@@ -48,9 +48,7 @@ RigPose rig_pose(const Camera& camera) {
 
 std::vector<RigPose> training_poses(const PreparedCapture& capture) {
   std::vector<RigPose> poses;
-  for (const Camera& camera : capture.cameras) {
-    if (!camera.test) poses.push_back(rig_pose(camera));
-  }
+  for (const Camera& camera : capture.training_cameras()) poses.push_back(rig_pose(camera));
   return poses;
 }
 

@@ -48,6 +48,10 @@ struct DensifyStatistics {
 using ColourMap = std::array<float, 12>;
 inline constexpr ColourMap kIdentityColour = {1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0};
 
+// Correction of a training camera (camera_refinement.h): c' = exp([turn]) c + shift for points c in
+// camera space, turn in radians and shift in scene units, then the logarithm of the focal factor.
+using CameraCorrection = std::array<float, 7>;
+
 struct CoupledParameters {
   float tick = 0;        // units of time per frame; 0: not in use, all arrays are empty
   FloatArray log_scale;  // N x 3, kLogScale
@@ -89,6 +93,11 @@ struct TrainState {
   std::vector<ColourMap> colour;            // one per training camera
   std::vector<ColourMap> colour_first, colour_second;
   std::vector<std::uint32_t> colour_updates;
+  // One per training camera; empty if cameras are not refined.
+  std::vector<CameraCorrection> cameras, cameras_first, cameras_second;
+  std::vector<std::uint32_t> camera_updates;
+  std::vector<CameraCorrection> camera_sums;  // of the gradients of views since the last update
+  std::vector<std::uint32_t> camera_views;    // their number
 
   std::uint64_t iteration = 0;
   std::uint32_t second_stage = 0;    // 1: L_opacity is on

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "train/adam.h"
+#include "train/camera_refinement.h"
 #include "train/checkpoint.h"
 #include "train/densify.h"
 #include "train/densify_plan.h"
@@ -74,33 +75,8 @@ Status Trainer::prepare_state() {
       log_(1, fmt::format("held-out views will not be evaluated: {}", held_out.status().message()));
     }
   }
+  prepare_cameras();
   evaluations_done_ = evaluations_due();
-  return {};
-}
-
-Status Trainer::resume() {
-  STGS_ASSIGN(Checkpoint checkpoint, read_checkpoint(settings_.resume));
-  STGS_TRY(check_same_run(settings_.resume, checkpoint.fingerprint, fingerprint()));
-  STGS_TRY(check_state(settings_.resume, checkpoint.state, capture_, growth_.sh_degree,
-                       !ablation_.representation));
-  const std::string before = value_of(checkpoint.fingerprint, kBackendEntry);
-  if (before != backend_->name()) {
-    log_(1,
-         fmt::format("{}: written with the backend {} and resumed with {}; the scene will have the "
-                     "same quality, but not the same bits as from an uninterrupted run",
-                     settings_.resume, before, backend_->name()));
-  }
-  const std::string processes = value_of(checkpoint.fingerprint, kProcessesEntry);
-  if (processes != fmt::format("{}", ranks_.size())) {
-    log_(1,
-         fmt::format("{}: number of processes was {} and is now {}; the scene will have the same "
-                     "quality, but not the same bits as from an uninterrupted run",
-                     settings_.resume, processes, ranks_.size()));
-  }
-  state_ = std::move(checkpoint.state);
-  seconds_before_ = state_.seconds;
-  first_iteration_ = state_.iteration;
-  log_(2, fmt::format("resumed at iteration {} from {}", state_.iteration, settings_.resume));
   return {};
 }
 
@@ -133,6 +109,7 @@ Status Trainer::load_frames() {
   STGS_ASSIGN(images_, TrainingImages::load(capture_, settings_.frame_memory, ranks_.node_size(),
                                             progress_));
   order_ = ViewOrder(settings_.seed, images_.views());
+  use_cameras();
   const FrameStatistics frames = images_.statistics();
   constexpr double kMib = 1 << 20;
   log_(2, frames.resident
@@ -214,6 +191,7 @@ Result<StepInput> Trainer::step_input() {
   input.modulated = ablation_.modulation;
   input.learn_radius = ablation_.lifespan;
   input.second_stage = state_.second_stage != 0;
+  input.gather_camera = refines_cameras();
   input.gather_statistics = densify_plan(p, ablation_, progress, false).gather;
   set_schedule(p, capture_, progress, state_.is_coupled(), input);
   if (with_normals() && progress >= p.normal_from)
@@ -238,6 +216,10 @@ Status Trainer::read_steps() {
                            steps_read_);
     }
     last_ = output;
+    if (output.camera) {
+      const std::size_t view = order_.at(steps_read_ - 1);
+      add_camera_gradient(state_, view / static_cast<std::size_t>(capture_.frames), *output.camera);
+    }
   }
   return {};
 }
@@ -278,28 +260,6 @@ Status Trainer::synchronise() {
   return ranks_.ranks() == nullptr ? Status() : ranks_.check_same_state(state_hash(state_));
 }
 
-Status Trainer::save_checkpoint() {
-  if (settings_.checkpoint.empty()) return {};
-  STGS_TRY(synchronise());
-  return ranks_.is_first() ? write_checkpoint(settings_.checkpoint, state_, fingerprint())
-                           : Status();
-}
-
-Status Trainer::save_checkpoint_if_possible() {
-  if (settings_.checkpoint.empty()) return {};
-  STGS_TRY(synchronise());
-  if (!ranks_.is_first()) return {};
-  const Status written = write_checkpoint(settings_.checkpoint, state_, fingerprint());
-  // A full disk stays full, so only the first failure and that at the end are logged.
-  if (!written.ok() && (!checkpoint_failed_ || finished())) {
-    log_(1, fmt::format("iteration {}: the checkpoint could not be written ({}); training {}",
-                        state_.iteration, written.message(),
-                        finished() ? "is complete" : "continues"));
-  }
-  checkpoint_failed_ = !written.ok();
-  return {};
-}
-
 Result<bool> Trainer::update_clock() {
   Lockstep::ClockState clock{seconds_before_ + seconds_since(started_),
                              seconds_since(reported_) >= kProgressInterval};
@@ -321,30 +281,6 @@ Status Trainer::on_step_failed(const Status& error) {
   return error;
 }
 
-Status Trainer::save_completed_steps(const Status& error) {
-  step_failed_ = false;
-  if (ranks_.ranks() != nullptr || settings_.checkpoint.empty()) return error;
-  state_.iteration -= backend_->abandon();
-  state_.second_stage =
-      densify_plan(parameters_, ablation_, growth_progress(), false).second_stage ? 1 : 0;
-  const Status saved = save_checkpoint();
-  if (!saved.ok()) {
-    log_(1, saved.message());
-    return error;
-  }
-  return Status(error.code(), fmt::format("{}; {} iterations are complete, resume with --resume {}",
-                                          error.message(), state_.iteration, settings_.checkpoint));
-}
-
-std::string Trainer::resume_hint() const {
-  // A run that was already complete has no progress beyond the checkpoint that it resumed.
-  const bool unchanged = !settings_.resume.empty() && state_.iteration == first_iteration_;
-  const std::string& from =
-      settings_.checkpoint.empty() && unchanged ? settings_.resume : settings_.checkpoint;
-  return from.empty() ? "no checkpoint was written (no --checkpoint)"
-                      : fmt::format("resume with --resume {}", from);
-}
-
 Status Trainer::run() {
   const Status trained = train();
   return step_failed_ ? save_completed_steps(trained) : trained;
@@ -361,6 +297,7 @@ Status Trainer::train() {
   while (!finished()) {
     STGS_TRY(step());
     STGS_ASSIGN(const bool progress_due, update_clock());
+    STGS_TRY(update_cameras());
     STGS_TRY(densify());
     STGS_TRY(compact());
     const bool checkpoint = passed(static_cast<std::uint64_t>(settings_.checkpoint_interval));
@@ -392,6 +329,7 @@ Status Trainer::train() {
                         non_finite == 1 ? "" : "s"));
   }
   if (const Status written = log_file_.check(); !written.ok()) log_(1, written.message());
+  if (ranks_.is_first()) report_cameras();
   return {};
 }
 

@@ -43,6 +43,7 @@ class Trainer {
   Status prepare_state();
   // Chooses the priors of a sparse rig (rig.h), and logs them.
   Status prepare_priors();
+  void prepare_cameras();
   Status resume();
   Status prepare_ranks();
   Status prepare_backend();
@@ -93,6 +94,14 @@ class Trainer {
   // Synchronises the state and computes its importances; a cancelled run saves its checkpoint.
   Result<std::vector<float>> importance_now();
   void set_compaction_schedule(StepInput& input) const;
+  // Cameras are refined from the first steps, with blurred images, to the compaction.
+  bool refines_cameras() const;
+  // Applies the gradients of the views since the last update to the cameras, if one is due.
+  Status update_cameras();
+  // Logs how far the cameras are from their calibration, with a warning for each that is wrong.
+  void report_cameras() const;
+  // Renders with the cameras of the state from now on.
+  void use_cameras();
   Status step();
   // Records that an error (unreadable frame, out of memory) left steps incomplete; returns it.
   Status on_step_failed(const Status& error);

@@ -9,6 +9,7 @@
 #include <new>
 #include <utility>
 
+#include "train/camera_refinement.h"
 #include "train/compute_importance.h"
 #include "train/start_camera.h"
 #include "train/trainer.h"
@@ -38,7 +39,8 @@ Result<std::vector<float>> Trainer::importance() {
                                            : Progress{"train", run_progress(), -1, detail});
     return more || ranks_.size() > 1;  // ranks stop together, after a step
   };
-  const std::vector<ImportanceView> views = importance_views(capture_, kImportanceViews);
+  const std::vector<ImportanceView> views =
+      importance_views(with_refined_cameras(capture_, state_), kImportanceViews);
   std::optional<std::vector<float>> importance =
       compute_importance(*backend_, *make_cpu_backend(), state_, views, should_continue, log_);
   importance_seconds_ += seconds();
@@ -84,6 +86,7 @@ TrainReport Trainer::report() const {
   report.perceptual = perceptual_.report();
   report.frames = images_.statistics();
   report.processes = ranks_.size();
+  report.cameras = refined_cameras(capture_, state_);
   report.parameters = list_hyper_parameters(growth_);
   return report;
 }

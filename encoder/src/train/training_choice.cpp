@@ -83,6 +83,9 @@ const Unused kUnused[] = {
     {"if weight_normal is 0",
      [](const Choice& c) { return c.parameters.weight_normal == 0; },
      {"normal_from"}},
+    {"without --refine-cameras",
+     [](const Choice& c) { return !c.settings.refine_cameras; },
+     {"lr_camera", "camera_pull"}},
     {"without --perceptual-weights",
      [](const Choice& c) { return c.settings.perceptual_weights.empty(); },
      {"perceptual_from", "perceptual_patch", "weight_perceptual"}},
@@ -187,6 +190,7 @@ std::uint64_t settings_id_of(const TrainSettings& settings, const TrainingChoice
                              const PerceptualTerm& perceptual) {
   Fingerprint entries = list_hyper_parameters(choice.parameters);
   entries.emplace_back("ablate", fmt::format("{}", fmt::join(choice.ablation.names(), ",")));
+  entries.emplace_back("refine_cameras", settings.refine_cameras ? "yes" : "no");
   entries.emplace_back("max_seconds", fmt::format("{}", settings.max_seconds));
   entries.emplace_back("target_kbps", fmt::format("{}", settings.target_kbps));
   entries.emplace_back("target_size", fmt::format("{}", settings.target_size));

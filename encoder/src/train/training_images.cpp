@@ -20,9 +20,7 @@ Result<TrainingImages> TrainingImages::load(const PreparedCapture& capture, std:
                                             int processes, const ProgressSink& progress) {
   TrainingImages images;
   images.frames_ = capture.frames;
-  for (const Camera& camera : capture.cameras) {
-    if (!camera.test) images.cameras_.push_back(camera);
-  }
+  images.cameras_ = capture.training_cameras();
   if (images.cameras_.empty()) {
     return usage_error(
         "{}: every camera is held out for testing; prepare it with at least one training camera",

@@ -5,6 +5,7 @@
 
 #include <functional>
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "stgs/encoder/prepared_capture.h"
@@ -30,6 +31,8 @@ class TrainingImages {
 
   // Returns the training cameras, in the capture's order.
   const std::vector<Camera>& cameras() const { return cameras_; }
+  // Replaces the calibrations, which pinhole() uses from now on. The cameras must be the same ones.
+  void set_cameras(std::vector<Camera> cameras) { cameras_ = std::move(cameras); }
   int frames() const { return frames_; }
   std::size_t views() const { return cameras_.size() * static_cast<std::size_t>(frames_); }
   // Returns the image of upcoming(0). upcoming(k) is the expected view k steps later. The error

@@ -68,6 +68,8 @@ struct PreparedCapture {
 
   // Returns the number of frames in the folder that precede frame 0.
   int frame_offset() const { return window ? static_cast<int>(window->first_frame) : 0; }
+  // Returns the cameras that are not held out, in order.
+  std::vector<Camera> training_cameras() const;
   // Returns the path of a frame or mask, which need not exist.
   std::string frame_path(const Camera& camera, int frame) const;
   std::string mask_path(const Camera& camera, int frame) const;

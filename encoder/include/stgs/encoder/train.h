@@ -51,6 +51,8 @@ struct TrainSettings {
   // Safetensors file with VGG16's weights, and optionally LPIPS's linear layers, for the perceptual
   // loss; "": the loss is off. README.md describes how to make one.
   std::string perceptual_weights;
+  // Refine the poses and focal lengths of the training cameras together with the scene.
+  bool refine_cameras = false;
   // Not owned; null: this process trains alone. Otherwise all ranks train with the same settings,
   // each on its own view of every step, and only rank 0 writes files, logs and evaluates.
   Ranks* ranks = nullptr;
@@ -98,6 +100,15 @@ struct FrameStatistics {
   double wait_seconds = 0;
 };
 
+// A training camera as refined, and how far it is from the calibration.
+struct RefinedCamera {
+  Camera camera;
+  double degrees = 0;  // angle between the orientations
+  double shift = 0;    // distance between the positions, over that to the centre of the scene
+  double zoom = 1;     // factor of the focal lengths
+  double pixels = 0;   // by which content around the centre of the scene moves in its image, rms
+};
+
 struct TrainReport {
   int iterations = 0;
   double seconds = 0;             // of the steps
@@ -110,6 +121,7 @@ struct TrainReport {
   std::string backend;                                          // name, with the device
   std::optional<PerceptualReport> perceptual;                   // unset: the loss was off
   int processes = 1;                                            // that trained together
+  std::vector<RefinedCamera> cameras;                           // empty: they were not refined
   std::vector<std::pair<std::string, std::string>> parameters;  // every hyper-parameter, as used
 };
 

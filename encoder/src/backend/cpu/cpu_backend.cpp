@@ -149,6 +149,7 @@ Status CpuBackend::step(const StepInput& input) {
   cpu::blend_backward(frame_, settings, output_, d_corrected_, &error_, scratch_, splat_gradients_,
                       normals ? &planes : nullptr);
   gradients_.with_covariance = state_->is_coupled();
+  gradients_.with_camera = input.gather_camera;
   cpu::project_backward(rendered(), input.ticks, input.camera, settings, frame_, splat_gradients_,
                         gradients_);
   if (normals) {
@@ -163,6 +164,7 @@ Status CpuBackend::step(const StepInput& input) {
   out.l1 = value.l1;
   out.ssim = value.ssim;
   out.visible = frame_.splats.size();
+  if (input.gather_camera) out.camera = gradients_.camera;
   if (ranks_ != nullptr) {
     cpu::ViewContribution own;
     own.output = out;

@@ -6,6 +6,7 @@
 #include <span>
 
 #include "backend/cpu/block.h"
+#include "math/camera_grad.h"
 #include "math/grad.h"
 #include "stgs/format/parallel.h"
 #include "stgs/format/raster_view.h"
@@ -16,8 +17,6 @@ namespace {
 using namespace math;
 using raster::read3;
 using raster::View;
-
-// Splats per task.
 
 void write3(std::span<float> array, std::size_t i, Vec3 v) {
   array[3 * i] = v.x;
@@ -46,8 +45,16 @@ Vec3 colour_backward(const float* sh, const View& view, Vec3 from_camera, Vec3 c
   return normalise_grad(direction, inverse_length, sh_basis_grad(direction, by_basis));
 }
 
+void add_camera(const CameraGrad& by, CameraGrad& sum) {
+  sum.rotation = vec3_add(sum.rotation, by.rotation);
+  sum.translation = vec3_add(sum.translation, by.translation);
+  sum.log_focal += by.log_focal;
+}
+
+// `camera`: the sum of the gradients of the camera; not used without out.with_camera.
 void splat_backward(const Gaussians4D& set, const View& view, const Splat& splat,
-                    const SplatGradients& grad, std::size_t s, PrimitiveGradients& out) {
+                    const SplatGradients& grad, std::size_t s, PrimitiveGradients& out,
+                    CameraGrad& camera) {
   const std::size_t i = splat.id;
   const auto dt = static_cast<float>(view.t - set.time[i]);
   const Vec3 u = read3(set.velocity, i);
@@ -57,13 +64,19 @@ void splat_backward(const Gaussians4D& set, const View& view, const Splat& splat
   const float* r = &set.rotation[4 * i];
   const Quat rotation{r[0], r[1], r[2], r[3]};
 
-  const ProjectionGrad by_projection = project_gaussian_grad(
-      view.camera, position, covariance_of(rotation, scale), splat.conic, grad.mean, grad.conic);
+  const Sym3 covariance = covariance_of(rotation, scale);
+  const ProjectionGrad by_projection =
+      project_gaussian_grad(view.camera, position, covariance, splat.conic, grad.mean, grad.conic);
   const CovarianceGrad by_covariance = covariance_grad(rotation, scale, by_projection.covariance);
   const Vec3 from_camera{position.x - view.centre.x, position.y - view.centre.y,
                          position.z - view.centre.z};
   const Vec3 by_colour = colour_backward(&set.sh[i * view.stride], view, from_camera, splat.colour,
                                          grad.colour, &out.sh[s * 3 * view.coefficients]);
+  if (out.with_camera) {
+    add_camera(project_gaussian_camera_grad(view.camera, position, covariance, splat.conic,
+                                            grad.mean, grad.conic, by_projection, by_colour),
+               camera);
+  }
   const MotionGrad by_motion = position_at_grad(u, dt, vec3_add(by_projection.position, by_colour));
   const float opacity = opacity_of(set.opacity_logit[i]);
   const VisibilityGrad by_visibility =
@@ -102,11 +115,14 @@ void project_backward(const Gaussians4D& set, float t, const PinholeCamera& came
                       const std::vector<SplatGradients>& splats, PrimitiveGradients& out) {
   const View view = raster::view_of(set, t, camera, settings);
   out.resize(frame.splats.size(), view.coefficients);
-  parallel_blocks(std::size_t{0}, frame.splats.size(), kBlock,
-                  [&](std::size_t first, std::size_t last) {
-                    for (std::size_t s = first; s < last; ++s)
-                      splat_backward(set, view, frame.splats[s], splats[s], s, out);
-                  });
+  std::vector<CameraGrad> cameras((frame.splats.size() + kBlock - 1) / kBlock, CameraGrad{});
+  parallel_blocks(
+      std::size_t{0}, frame.splats.size(), kBlock, [&](std::size_t first, std::size_t last) {
+        for (std::size_t s = first; s < last; ++s)
+          splat_backward(set, view, frame.splats[s], splats[s], s, out, cameras[first / kBlock]);
+      });
+  out.camera = {};
+  for (const CameraGrad& by : cameras) add_camera(by, out.camera);
 }
 
 void modulation_backward(const Gaussians4D& set, const SplatFrame& frame, PrimitiveGradients& out) {

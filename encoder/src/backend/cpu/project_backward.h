@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "backend/cpu/blend_backward.h"
+#include "math/camera_grad.h"
 #include "stgs/format/gaussian4d.h"
 #include "stgs/format/raster.h"
 
@@ -27,6 +28,9 @@ struct PrimitiveGradients {
   // Filled only if with_covariance is set.
   bool with_covariance = false;
   std::vector<math::Sym3> covariance;  // S
+  // Gradient of the camera, through all splats. Computed only if with_camera is set.
+  bool with_camera = false;
+  math::CameraGrad camera{};
 
   void resize(std::size_t splats, int coefficients);
   std::size_t size() const { return opacity_logit.size(); }

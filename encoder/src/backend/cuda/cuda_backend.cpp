@@ -24,7 +24,7 @@ std::size_t initial_instances(std::size_t primitives) {
   return std::clamp(kInstancesPerPrimitive * primitives, kMinInstances, kMaxInstances);
 }
 
-StepOutput output_of(const StepRecord& record) {
+StepOutput output_of(const StepRecord& record, bool with_camera) {
   StepOutput output;
   output.loss = record.loss;
   output.l1 = record.l1;
@@ -32,6 +32,8 @@ StepOutput output_of(const StepRecord& record) {
   output.normal = record.normal;
   output.perceptual = record.perceptual;
   output.visible = record.visible;
+  const float* c = record.camera;
+  if (with_camera) output.camera = {{c[0], c[1], c[2]}, {c[3], c[4], c[5]}, c[6]};
   return output;
 }
 
@@ -267,8 +269,9 @@ void CudaBackend::retire_oldest() {
   const double decayed = kDecay * static_cast<double>(recent_instances_);
   recent_instances_ =
       std::max<std::size_t>(own_record(slot).instances, static_cast<std::size_t>(decayed));
+  const bool with_camera = pending_.front().input.gather_camera;
   for (std::size_t r = 0; r < ranks(); ++r) {
-    outputs_.push_back(output_of(records_.data()[slot * ranks() + r]));
+    outputs_.push_back(output_of(records_.data()[slot * ranks() + r], with_camera));
   }
   pending_.pop_front();
 }

@@ -15,6 +15,10 @@ using math::kLog2Threshold;
 using math::load_splat;
 using math::warp_sum;
 
+__device__ inline math::Vec3 read3(const float* array, std::uint32_t i) {
+  return {array[3 * i], array[3 * i + 1], array[3 * i + 2]};
+}
+
 // Returns log2 of the splat's alpha at an offset from its mean, before clamping at kAlphaMax.
 __device__ inline float log2_alpha(const ScreenSplat& s, float dx, float dy) {
   const float along = fmaf(s.falloff.xx, dx, s.falloff.xy * dy);

@@ -26,6 +26,7 @@ inline constexpr int kLossY = 16;
 inline constexpr int kLossSums = 13;      // per block: L1, then the 12 gradients of the colour map
 inline constexpr int kPlaneSums = 4;      // floats per splat and tile: the gradient of its plane
 inline constexpr int kUpdateBlock = 128;  // primitives per block of the update
+inline constexpr int kCameraValues = 7;   // of a camera's gradient (math/camera_grad.h), in order
 // Fixed-point value of a squared weight of 1. The sum over all pixels and views holds 2^34 of them.
 inline constexpr double kImportanceOne = 1 << 30;
 inline constexpr std::uint32_t kInvisible = 0xFFFFFFFFu;  // depth key of invisible primitives
@@ -90,6 +91,7 @@ struct View {
   int width = 0, height = 0;
   int tiles_x = 0, tiles_y = 0;
   bool planes = false;  // L_n is on; the primitives' planes are blended too
+  bool gather_camera = false;
 };
 
 // Counters of the step in flight.
@@ -104,6 +106,7 @@ struct StepRecord {
   double loss, l1, ssim, normal, perceptual;
   unsigned long long instances;
   std::uint32_t visible, overflow;
+  float camera[kCameraValues];  // gradient of the camera, if it is gathered
 };
 
 // The buffers of a step, for N primitives, W x H pixels, T tiles, up to I tile instances and B
@@ -137,6 +140,8 @@ struct Workspace {
   float* loss_sums = nullptr;          // kLossSums x B
   double* regulariser_sums = nullptr;  // one per block of the update
   const double* perceptual = nullptr;  // L_lpips of the step, if it is on
+  // kCameraValues for the view, then for each block of the update; only if gathered.
+  float* camera_sums = nullptr;
   // Used if L_n is on. A plane (math/surface.h) or its gradient: normal x, y, z, distance.
   float4* planes = nullptr;               // N; only those of visible primitives are set
   float4* surface = nullptr;              // W x H, blended planes
@@ -209,6 +214,9 @@ void launch_normal_loss(const View& view, const std::uint8_t* ground_truth, floa
 // Computes partials and plane_partials of every instance.
 void launch_blend_backward(const View& view, std::size_t bound, const Workspace& w,
                            cudaStream_t stream);
+// Computes the gradient of the camera into camera_sums. Only if View::gather_camera.
+void launch_camera_gradient(const Primitives& p, const View& view, const Workspace& w,
+                            cudaStream_t stream);
 // Updates the visible primitives: gradients of the parameters, regularisers, statistics and Adam.
 void launch_update(const Primitives& p, const View& view, const UpdateSettings& settings,
                    const Workspace& w, cudaStream_t stream);

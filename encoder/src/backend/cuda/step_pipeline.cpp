@@ -20,6 +20,7 @@ View view_of(const StepInput& input, int stored_coefficients) {
   view.tiles_x = (view.width + kTile - 1) / kTile;
   view.tiles_y = (view.height + kTile - 1) / kTile;
   view.planes = input.weight_normal > 0.0f;
+  view.gather_camera = input.gather_camera;
   return view;
 }
 
@@ -124,6 +125,7 @@ Status StepPipeline::reserve_primitives(std::size_t n) {
     STGS_TRY(array->ensure(n));
   STGS_TRY(ranges_.ensure(n));
   STGS_TRY(regulariser_sums_.ensure(n / kUpdateBlock + 1));
+  STGS_TRY(camera_sums_.ensure(kCameraValues * (n / kUpdateBlock + 2)));
   workspace_.splats = splats_.data();
   workspace_.depth_keys = depth_keys_.data();
   workspace_.depth_sorted = depth_sorted_.data();
@@ -133,6 +135,7 @@ Status StepPipeline::reserve_primitives(std::size_t n) {
   workspace_.tile_offsets = tile_offsets_.data();
   workspace_.ranges = ranges_.data();
   workspace_.regulariser_sums = regulariser_sums_.data();
+  workspace_.camera_sums = camera_sums_.data();
   return {};
 }
 
@@ -293,6 +296,10 @@ Status StepPipeline::enqueue(const DeviceState& state, const StepInput& input,
   }
   launch_blend_backward(view, instances, w, stream);
   stage("blend_backward");
+  if (view.gather_camera) {
+    launch_camera_gradient(primitives, view, w, stream);
+    stage("camera_gradient");
+  }
   if (!input.batch.empty()) return enqueue_shared(state, input, view, weights, record, stream);
   launch_update(primitives, view, update_settings(input), w, stream);
   state.round(stream);

@@ -4,6 +4,7 @@
 // of the numbers, are updated by the complete warp for coalesced access.
 #include "backend/cuda/coupled.cuh"
 #include "backend/cuda/rank_blocks.h"
+#include "backend/cuda/splat_sums.cuh"
 #include "backend/cuda/update_rows.cuh"
 #include "math/grad.h"
 
@@ -13,100 +14,23 @@ namespace {
 using namespace math;
 
 constexpr int kWarps = kUpdateBlock / 32;
-// Maximum instances of a splat that its thread sums alone; the warp shares more.
-constexpr std::uint32_t kMaxInstancesPerThread = 6;
 // sqrt(-2 ln o_th): the factor of sigma in L_t, as in the paper.
 constexpr float kSpanFactor = 3.32904297f;
-
-template <int kFloats>
-struct FloatSums {
-  float v[kFloats];
-};
-using Sums = FloatSums<kSums>;
-
-template <int kFloats>
-__device__ void add_instance(const float4* partials, std::uint32_t instance,
-                             FloatSums<kFloats>& sums) {
-  constexpr int kVectors = kFloats / 4;
-  const float4* p = partials + std::size_t{kVectors} * instance;
-#pragma unroll
-  for (int q = 0; q < kVectors; ++q) {
-    const float4 x = __ldg(p + q);
-    sums.v[4 * q] += x.x;
-    sums.v[4 * q + 1] += x.y;
-    sums.v[4 * q + 2] += x.z;
-    sums.v[4 * q + 3] += x.w;
-  }
-}
-
-// Returns each lane's sum over its instances, in an order that depends only on the instance counts.
-template <int kFloats>
-__device__ FloatSums<kFloats> sum_instances(uint2 range, const float4* partials) {
-  const int lane = threadIdx.x & 31;
-  FloatSums<kFloats> own{};
-  if (range.y <= kMaxInstancesPerThread) {
-    for (std::uint32_t k = 0; k < range.y; ++k) add_instance(partials, range.x + k, own);
-  }
-  unsigned large = __ballot_sync(kAllLanes, range.y > kMaxInstancesPerThread);
-  while (large != 0) {
-    const int owner = __ffs(large) - 1;
-    large &= large - 1;
-    const std::uint32_t begin = __shfl_sync(kAllLanes, range.x, owner);
-    const std::uint32_t count = __shfl_sync(kAllLanes, range.y, owner);
-    FloatSums<kFloats> part{};
-    for (std::uint32_t k = lane; k < count; k += 32) add_instance(partials, begin + k, part);
-#pragma unroll
-    for (int q = 0; q < kFloats; ++q) {
-      const float sum = warp_sum(part.v[q]);
-      if (lane == owner) own.v[q] = sum;
-    }
-  }
-  return own;
-}
-
-// Gradients of a splat, from the sums over its pixels.
-struct SplatGradient {
-  Vec2 mean;
-  Sym2 conic;
-  Vec3 colour;
-  float opacity;  // dL/dO_t
-  Vec2 abs_mean;
-  float error;
-};
-
-__device__ SplatGradient splat_gradient(const Sums& s, Sym2 conic, float opacity) {
-  const float gx = s.v[5], gy = s.v[6];
-  SplatGradient g;
-  g.colour = {s.v[0], s.v[1], s.v[2]};
-  g.error = s.v[3];
-  g.opacity = -s.v[4] / opacity;
-  g.mean = {-(conic.xx * gx + conic.xy * gy), -(conic.xy * gx + conic.yy * gy)};
-  g.conic = {0.5f * s.v[7], s.v[8], 0.5f * s.v[9]};
-  g.abs_mean = {s.v[10] / kLog2E, s.v[11] / kLog2E};
-  return g;
-}
 
 // Returns the gradient of the position at t through the colour. Writes the basis and the colour
 // gradient to the stage.
 __device__ Vec3 colour_backward(const float* sh, int coefficients, Vec3 from_camera,
                                 const ScreenSplat& splat, Vec3 grad, float* stage) {
-  // A channel that the forward pass clamps at 0 has no gradient.
-  if (!(splat.colour.x > 0.0f)) grad.x = 0.0f;
-  if (!(splat.colour.y > 0.0f)) grad.y = 0.0f;
-  if (!(splat.colour.z > 0.0f)) grad.z = 0.0f;
+  grad = unclamped(splat, grad);
   const float inverse_length = 1.0f / sqrtf(dot3(from_camera, from_camera));
   const Vec3 direction = vec3_scale(from_camera, inverse_length);
   const ShBasis basis = sh_basis(direction);
-  ShBasis by_basis{};
 #pragma unroll
   for (int k = 0; k < kShMaxCoefficients; ++k) {
-    if (k >= coefficients) break;
-    stage[kBasis + k] = basis.v[k];
-    by_basis.v[k] = sh[3 * k] * grad.x + sh[3 * k + 1] * grad.y + sh[3 * k + 2] * grad.z;
+    if (k < coefficients) stage[kBasis + k] = basis.v[k];
   }
   write3(stage + kByColour, grad);
-  if (coefficients == 1) return {0.0f, 0.0f, 0.0f};
-  return normalise_grad(direction, inverse_length, sh_basis_grad(direction, by_basis));
+  return by_direction(sh, coefficients, direction, inverse_length, grad);
 }
 
 // Image positions are in half image widths, so that one threshold fits all image sizes.
@@ -116,26 +40,6 @@ __device__ Statistics statistics_of(const View& view, const SplatGradient& g) {
           hypotf(g.abs_mean.x * half_width, g.abs_mean.y * half_height), g.error};
 }
 
-// The values of a primitive, loaded early to hide latency.
-struct PrimitiveValues {
-  Vec3 position, log_scale, u;
-  float4 rotation;
-  float time, logit, sigma, radius;
-};
-
-__device__ PrimitiveValues load_values(const Primitives& p, std::uint32_t i) {
-  PrimitiveValues own;
-  own.position = read3(p.rendered.position, i);
-  own.log_scale = read3(p.rendered.log_scale, i);
-  own.u = read3(p.rendered.u, i);
-  own.rotation = reinterpret_cast<const float4*>(p.rendered.rotation)[i];
-  own.time = p.values[kTime][i];
-  own.logit = p.rendered.opacity[i];
-  own.sigma = p.sigma[i];
-  own.radius = p.values[kRadius][i];
-  return own;
-}
-
 // A visible primitive: its values, its splat, and the sums of the backward blend.
 struct VisiblePrimitive {
   PrimitiveValues values;
@@ -143,21 +47,6 @@ struct VisiblePrimitive {
   Sums sums;
   Plane by_plane;  // gradient of its plane
 };
-
-// A primitive at the time of the view.
-struct Pose {
-  float dt;
-  Vec3 position, scale;
-  Quat rotation;
-};
-
-__device__ Pose pose_of(const PrimitiveValues& own, const View& view) {
-  const float dt = view.ticks - own.time;
-  return {dt,
-          position_at(own.position, own.u, dt),
-          {expf(own.log_scale.x), expf(own.log_scale.y), expf(own.log_scale.z)},
-          {own.rotation.x, own.rotation.y, own.rotation.z, own.rotation.w}};
-}
 
 // Gradients of a pose. `covariance` is the one in world space, of which `factors` are the gradients
 // of the scales and the rotation.

@@ -36,10 +36,6 @@ __device__ inline void write3(float* to, math::Vec3 v) {
   to[2] = v.z;
 }
 
-__device__ inline math::Vec3 read3(const float* array, std::uint32_t i) {
-  return {array[3 * i], array[3 * i + 1], array[3 * i + 2]};
-}
-
 // Densification statistics of a primitive in a view.
 struct Statistics {
   float gradient, abs_gradient, error;

@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: Apache-2.0
+// Backward pass of the projection to the camera, in the same subset of C++, CUDA and GLSL as
+// grad.h, whose conventions apply.
+#ifndef STGS_ENCODER_MATH_CAMERA_GRAD_H
+#define STGS_ENCODER_MATH_CAMERA_GRAD_H
+
+#include "grad.h"
+
+STGS_MATH_BEGIN
+
+// Gradient with respect to a small motion of the camera, which takes a camera point c to
+// c + rotation x c + translation, and to the logarithm of both focal lengths.
+struct CameraGrad {
+  Vec3 rotation;     // radians, camera axes
+  Vec3 translation;  // scene units, camera axes
+  float log_focal;
+};
+
+// Adds the gradient through project_gaussian's mean and conic and through the direction of view, on
+// which the colour depends. `by`: the result of project_gaussian_grad for the same inputs.
+// `by_direction`: gradient of the position through the colour, world space.
+STGS_FN CameraGrad project_gaussian_camera_grad(PinholeCamera camera, Vec3 mean, Sym3 covariance,
+                                                Sym2 conic, Vec2 grad_mean, Sym2 grad_conic,
+                                                ProjectionGrad by, Vec3 by_direction) {
+  Vec3 c = to_camera(camera, mean);
+  ProjectionRows j = projection_rows(camera, c);
+  Sym2 d = inverse_grad(conic, grad_conic);
+  Vec3 su = sym3_mul(covariance, j.u);
+  Vec3 sv = sym3_mul(covariance, j.v);
+  Vec3 by_c = mat3_mul(camera.rotation, by.position);
+  // Turning the camera turns mean and covariance S around it: dS = [w] S - S [w], so that the
+  // gradient is the skew part of A = G S, with the full symmetric gradient 2 G.
+  Sym3 g;
+  g.xx = 2.0f * by.covariance.xx;
+  g.xy = by.covariance.xy;
+  g.xz = by.covariance.xz;
+  g.yy = 2.0f * by.covariance.yy;
+  g.yz = by.covariance.yz;
+  g.zz = 2.0f * by.covariance.zz;
+  Vec3 x = sym3_mul(g, vec3_of(covariance.xx, covariance.xy, covariance.xz));
+  Vec3 y = sym3_mul(g, vec3_of(covariance.xy, covariance.yy, covariance.yz));
+  Vec3 z = sym3_mul(g, vec3_of(covariance.xz, covariance.yz, covariance.zz));
+  Vec3 turn = mat3_mul(camera.rotation, vec3_of(y.z - z.y, z.x - x.z, x.y - y.x));
+  CameraGrad out;
+  out.rotation = vec3_add(cross3(c, by_c), turn);
+  out.translation = vec3_add(by_c, mat3_mul(camera.rotation, by_direction));
+  float iz = 1.0f / c.z;
+  out.log_focal = grad_mean.x * camera.fx * c.x * iz + grad_mean.y * camera.fy * c.y * iz +
+                  2.0f * (d.xx * dot3(j.u, su) + d.xy * dot3(j.u, sv) + d.yy * dot3(j.v, sv));
+  return out;
+}
+
+STGS_MATH_END
+
+#endif

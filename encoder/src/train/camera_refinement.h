@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+// Refinement of the training cameras: small corrections of poses and focal lengths, learnt with the
+// scene.
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+#include "math/camera_grad.h"
+#include "stgs/encoder/prepared_capture.h"
+#include "stgs/encoder/train.h"
+#include "train/train_state.h"
+
+namespace stgs::encoder {
+
+// Returns the camera with a correction applied.
+Camera corrected(const Camera& camera, const CameraCorrection& correction);
+// Returns the capture with the training cameras as they are now.
+PreparedCapture with_refined_cameras(const PreparedCapture& capture, const TrainState& state);
+
+// Sets up the refinement of `cameras` training cameras, without corrections.
+void begin_refinement(std::size_t cameras, TrainState& state);
+// Adds the gradient of a view of a camera to those that the next update uses.
+void add_camera_gradient(TrainState& state, std::size_t camera, const math::CameraGrad& gradient);
+// Applies an Adam step with the mean gradient of the views since the last update to every camera
+// that has some. `rate`: of angles (radians), of shifts over the distance to the centre of the
+// scene, and of the logarithm of the focal length. A step moves an angle by at most the rate, and
+// by much less if the views disagree on its direction; it then takes back `pull` times the rate. So
+// a camera keeps its calibration unless its views agree that it is wrong. A motion or change of
+// size that most cameras share is undone, because it is one of the scene, which other cameras would
+// not follow.
+void update_cameras(const PreparedCapture& capture, float rate, float pull, TrainState& state);
+
+// Lists the training cameras with their corrections, in the capture's order; empty without
+// refinement.
+std::vector<RefinedCamera> refined_cameras(const PreparedCapture& capture, const TrainState& state);
+
+}  // namespace stgs::encoder

@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+// When the cameras are refined.
+#include <cmath>
+
+#include "train/camera_refinement.h"
+#include "train/trainer.h"
+
+namespace stgs::encoder {
+namespace {
+
+constexpr double kRefineFrom = 0.05;        // progress: content is where it belongs, roughly
+constexpr std::uint64_t kViewsPerStep = 4;  // of a camera, on average
+constexpr double kLastRate = 0.01;          // of the first one
+
+// A correction that is worth a warning, several times those of correct cameras.
+constexpr double kWrongPixels = 1;
+
+}  // namespace
+
+void Trainer::prepare_cameras() {
+  if (settings_.refine_cameras && state_.cameras.empty())
+    begin_refinement(capture_.training_cameras().size(), state_);
+}
+
+bool Trainer::refines_cameras() const {
+  const double progress = growth_progress();
+  return !state_.cameras.empty() && progress >= kRefineFrom && progress < 1;
+}
+
+void Trainer::use_cameras() {
+  if (state_.cameras.empty()) return;
+  images_.set_cameras(with_refined_cameras(capture_, state_).training_cameras());
+}
+
+Status Trainer::update_cameras() {
+  if (!refines_cameras() || !passed(kViewsPerStep * state_.cameras.size())) return {};
+  STGS_TRY(read_steps());
+  const double rate = parameters_.lr_camera * std::pow(kLastRate, growth_progress());
+  encoder::update_cameras(capture_, static_cast<float>(rate),
+                          static_cast<float>(parameters_.camera_pull), state_);
+  use_cameras();
+  return {};
+}
+
+void Trainer::report_cameras() const {
+  const std::vector<RefinedCamera> cameras = refined_cameras(capture_, state_);
+  if (cameras.empty()) return;
+  double pixels = 0;
+  for (const RefinedCamera& refined : cameras) {
+    pixels += refined.pixels / static_cast<double>(cameras.size());
+    if (refined.pixels < kWrongPixels) continue;
+    log_(1, fmt::format("camera '{}': its calibration was wrong by {:.1f} pixels ({:.2f} degrees, "
+                        "{:.2f} % of its distance to the scene, {:.2f} % of its focal length); it "
+                        "was prepared with that: calibrate it again, or check whether it has moved",
+                        refined.camera.name, refined.pixels, refined.degrees, 100 * refined.shift,
+                        100 * std::abs(refined.zoom - 1)));
+  }
+  log_(2,
+       fmt::format("{} cameras were refined, on average by {:.2f} pixels", cameras.size(), pixels));
+}
+
+}  // namespace stgs::encoder
