@@ -145,6 +145,13 @@ void ReportPage::image(const std::string& file, const std::string& caption) {
       escape_url(file, "._-"), escape_html(caption));
 }
 
+void ReportPage::video(const std::string& file, const std::string& caption) {
+  html_ += fmt::format(
+      "<figure><video src=\"{0}\" controls autoplay loop muted playsinline></video><figcaption>{1}"
+      "</figcaption></figure>\n",
+      escape_url(file, "._-"), escape_html(caption));
+}
+
 void ReportPage::chart(const Chart& chart) {
   Axes axes;
   if (!fit(chart, axes)) return;

@@ -220,6 +220,9 @@ class Training(ReportTest):
         motion = self.json_of("info", "out.stgs", "--lifespans")["motion"]
         self.assertIn(f"{100 * motion['static']['share']:.1f} %: visible in every frame", text)
         self.assertIn("whole clip", text)
+        self.assertIn('<video src="turntable.mp4"', text)
+        with open(self.path("a <b>/page/turntable.mp4"), "rb") as file:
+            self.assertEqual(file.read(8)[4:], b"ftyp")
         self.assertEqual(len(self.log("a <b>/page/training.jsonl")), 4 + 5)
         for frame in range(6):
             ground_truth = self.fixture(f"prepared/frames/c/{frame:06}.png")
@@ -230,6 +233,7 @@ class Training(ReportTest):
                           self.fixture("prepared"), "--which", "c", "-o", "final.png")
             self.assertEqual(self.read(f"a <b>/page/render_c_{frame:06}.png"),
                              self.read("final.png"))
+            self.assertIn(f'src="error_c_{frame:06}.png"', text)
 
     def test_a_report_without_held_out_cameras_shows_training_cameras(self):
         folder = self.copy_capture("all")
@@ -330,7 +334,7 @@ class Encoding(ReportTest):
                               "--report", "page")
         self.assertEqual(report["train"]["held_out"]["images"], 2)
         self.assertEqual(report["report"], "page")
-        self.assertIn("Test cameras: render and ground truth", self.page("page"))
+        self.assertIn("Test cameras: render, ground truth and error", self.page("page"))
         self.assertEqual(sorted(os.listdir(self.work)), ["out.stgs", "page"])
 
     def test_encode_rejects_bad_arguments_before_preparing(self):

@@ -80,6 +80,10 @@ Status prepare_capture(const std::string& capture, const std::string& folder,
   return functions->prepare(capture, folder, settings, session.progress_sink(), session.log_sink());
 }
 
+Status check_mp4_writer() {
+  return opencv().status();
+}
+
 Result<std::unique_ptr<VideoWriter>> make_mp4_writer(const std::string& path, TimeBase time_base,
                                                      const encoder::LogSink& log) {
   STGS_ASSIGN(const OpenCvFunctions* const functions, opencv());
@@ -98,11 +102,15 @@ Status prepare_capture(const std::string& capture, const std::string&,
       capture);
 }
 
+Status check_mp4_writer() {
+  return not_built(
+      "this build has no mp4 (OpenCV was not found); write .y4m, or rebuild with libopencv-dev");
+}
+
 Result<std::unique_ptr<VideoWriter>> make_mp4_writer(const std::string& path, TimeBase,
                                                      const encoder::LogSink&) {
-  return not_built(
-      "{}: this build has no mp4 (OpenCV was not found); write .y4m, or rebuild with libopencv-dev",
-      path);
+  const Status missing = check_mp4_writer();
+  return Status(missing.code(), fmt::format("{}: {}", path, missing.message()));
 }
 
 #endif

@@ -3,18 +3,15 @@
 
 #include <unistd.h>
 
-#include <algorithm>
 #include <filesystem>
 #include <fstream>
 
-#include "image_io.h"
 #include "output_folder.h"
-#include "stgs/encoder/held_out.h"
-#include "stgs/encoder/metrics.h"
 #include "stgs/encoder/report_page.h"
 #include "stgs/encoder/training_log.h"
 #include "stgs/format/parallel.h"
 #include "stgs/format/scene_statistics.h"
+#include "train_renders.h"
 
 namespace stgs::tools {
 namespace {
@@ -114,41 +111,6 @@ void add_statistics(const SceneStatistics& statistics, encoder::ReportPage& page
       {"Primitives by speed, scene units per second", encoder::histogram_bars(statistics.speeds)});
 }
 
-// Renders the sample of views from the final scene and writes each next to its ground truth.
-Status add_renders(const TrainReportInput& input, OutputFolder& files, encoder::ReportPage& page) {
-  auto views = encoder::sample_views(input.capture, true, encoder::kMaxHeldOutImages);
-  const bool test = !views.empty();
-  if (!test) views = encoder::sample_views(input.capture, false, encoder::kMaxHeldOutImages);
-  page.heading(test ? "Test cameras: render and ground truth"
-                    : "Training cameras (none was held out): render and ground truth");
-  SplatFrame frame;
-  RasterOutput output;
-  RasterSettings settings;
-  const float* background = input.scene.metadata.background;
-  settings.background = {background[0], background[1], background[2]};
-  for (const encoder::SampledView& view : views) {
-    const encoder::Camera& camera = input.capture.cameras[view.camera];
-    STGS_ASSIGN(const encoder::Image8 ground_truth,
-                encoder::load_frame(input.capture, camera, view.frame));
-    render(input.scene.gaussians, static_cast<float>(view.frame),
-           camera.pinhole(input.capture.near_plane), settings, frame, output);
-    for (float& v : output.colour.data) v = std::clamp(v, 0.0f, 1.0f);
-    const double psnr = encoder::psnr_of(
-        encoder::mean_squared_error(output.colour, encoder::to_float(ground_truth)));
-    const std::string name = fmt::format("{}_{:06}.png", camera.name, view.frame);
-    const auto write = [&](const char* kind, const encoder::Image8& image) -> Status {
-      STGS_ASSIGN(const std::string path, files.add(fmt::format("{}_{}", kind, name)));
-      return write_png(path, image);
-    };
-    STGS_TRY(write("render", to_8bit(output.colour)));
-    STGS_TRY(write("ground_truth", ground_truth));
-    const std::string caption = fmt::format("{}, frame {}", camera.name, view.frame);
-    page.image("render_" + name, fmt::format("{}: render, {:.2f} dB", caption, psnr));
-    page.image("ground_truth_" + name, caption + ": ground truth");
-  }
-  return {};
-}
-
 }  // namespace
 
 Status write_train_report(const std::string& folder, const TrainReportInput& input,
@@ -161,6 +123,7 @@ Status write_train_report(const std::string& folder, const TrainReportInput& inp
   page.heading("Training");
   add_curves(log, input.report.perceptual.has_value(), page);
   OutputFolder files(folder, session.log_sink());
+  STGS_TRY(add_turntable(input, session.log_sink(), files, page));
   STGS_TRY(add_renders(input, files, page));
   page.heading("Lifespans and motion");
   page.paragraph(

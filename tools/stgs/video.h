@@ -23,6 +23,8 @@ class VideoWriter {
 
 // YUV4MPEG2: 4:4:4, 8 bits, BT.709 limited range. "-" is standard output.
 std::unique_ptr<VideoWriter> make_y4m_writer(const std::string& path, TimeBase time_base);
+// Returns why this program cannot write mp4: kNotBuilt without OpenCV.
+Status check_mp4_writer();
 // H.264 (avc1), or MPEG-4 part 2 (mp4v) with a warning if OpenCV has no H.264 encoder. kNotBuilt
 // without OpenCV.
 Result<std::unique_ptr<VideoWriter>> make_mp4_writer(const std::string& path, TimeBase time_base,

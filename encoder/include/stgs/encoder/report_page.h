@@ -50,6 +50,8 @@ class ReportPage {
   void table(const std::vector<std::pair<std::string, std::string>>& rows);
   // Adds an image file from the folder of the page, as a link to it. Consecutive images form a row.
   void image(const std::string& file, const std::string& caption);
+  // Adds a video file from the folder of the page, silent and in a loop.
+  void video(const std::string& file, const std::string& caption);
   // Adds a line chart. Adds nothing if no series has two points.
   void chart(const Chart& chart);
   // Adds a horizontal bar chart. Adds nothing if every value is 0.

@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: Apache-2.0
+// The images and the video of a training report.
+#pragma once
+
+#include "output_folder.h"
+#include "stgs/encoder/report_page.h"
+#include "train_report.h"
+
+namespace stgs::tools {
+
+// Renders a sample of the views from the final scene, next to the captured frames and to the
+// errors.
+Status add_renders(const TrainReportInput& input, OutputFolder& files, encoder::ReportPage& page);
+
+// Renders a video that turns around the scene (turntable.h) while the clip plays to and fro. A
+// build without OpenCV writes none, and says so in the page and the log.
+Status add_turntable(const TrainReportInput& input, const encoder::LogSink& log,
+                     OutputFolder& files, encoder::ReportPage& page);
+
+}  // namespace stgs::tools
