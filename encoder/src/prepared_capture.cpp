@@ -39,6 +39,7 @@ Result<PreparedCapture> capture_from_json(const nlohmann::json& json, const std:
   capture.metric = json.at("metric").get<bool>();
   capture.frame_extension = json.at("frame_extension").get<std::string>();
   capture.source = json.at("source").get<std::string>();
+  if (json.contains("protocol")) capture.protocol = json.at("protocol").get<std::string>();
   capture.near_plane = json.at("near_plane").get<float>();
   capture.extent = json.at("extent").get<float>();
   capture.scene_radius = json.at("scene_radius").get<double>();
@@ -222,6 +223,7 @@ Status write_prepared_capture(const PreparedCapture& capture) {
       {"scene_centre", std::vector<double>(capture.scene_centre, capture.scene_centre + 3)},
       {"scene_radius", capture.scene_radius},
       {"cameras", nlohmann::ordered_json::array()}};
+  if (!capture.protocol.empty()) json["protocol"] = capture.protocol;
   for (const Camera& camera : capture.cameras) json["cameras"].push_back(camera_to_json(camera));
   std::string text;
   try {

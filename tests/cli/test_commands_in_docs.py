@@ -40,7 +40,7 @@ def frames_of(text):
 
 def commands(block):
     """Yields the commands of a block, with continuation lines joined and comments removed."""
-    for line in block.replace("\\\n", " ").splitlines():
+    for line in block.replace("\\\n", " ").replace(" && ", "\n").splitlines():
         words = shlex.split(line, comments=True)
         if words:
             yield words

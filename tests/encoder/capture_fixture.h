@@ -185,6 +185,33 @@ inline std::vector<double> matrix_k(const Camera& c, double pixel_centre = 0.5) 
   return {c.fx, 0, c.cx + shift, 0, c.fy, c.cy + shift, 0, 0, 1};
 }
 
+inline std::string yaml_matrix(const std::string& name, int rows, int columns,
+                               const std::vector<double>& data) {
+  return fmt::format("{}: !!opencv-matrix\n   rows: {}\n   cols: {}\n   dt: d\n   data: {}\n", name,
+                     rows, columns, json_list(data));
+}
+
+inline void write_easyvolcap(const TemporaryFolder& folder, int cameras, int frames, bool videos) {
+  std::string intri = "%YAML:1.0\n---\nnames:\n";
+  for (int i = 0; i < cameras; ++i) intri += fmt::format("   - \"{:02}\"\n", i);
+  std::string extri = intri;
+  for (int i = 0; i < cameras; ++i) {
+    const Camera c = known_camera(i, cameras, "");
+    const std::string name = fmt::format("{:02}", i);
+    intri += yaml_matrix("K_" + name, 3, 3, matrix_k(c, 0));
+    intri += yaml_matrix((i % 2 ? "D_" : "dist_") + name, 5, 1, {-0.1, 0.01, 0, 0, 0});
+    extri += yaml_matrix("Rot_" + name, 3, 3, std::vector<double>(c.rotation, c.rotation + 9));
+    extri += yaml_matrix("T_" + name, 3, 1, std::vector<double>(c.translation, c.translation + 3));
+    if (videos) {
+      write_video(folder / fmt::format("videos/{}.mp4", name), i, frames);
+    } else {
+      write_images(folder / ("images/" + name), i, frames, "jpg");
+    }
+  }
+  write_text(folder / "intri.yml", intri);
+  write_text(folder / "extri.yml", extri);
+}
+
 // transforms.json with the files of each frame, in the order of the cameras c0, c1, ...
 inline void write_transforms(const std::string& folder, const std::vector<std::string>& files,
                              std::size_t cameras = 10'000) {

@@ -94,37 +94,10 @@ TEST_CASE("panoptic: a moving camera is rejected, naming camera and frame") {
   CHECK(fails_with(load(folder.path).status(), {"train_meta.json", "camera '3'", "frame 1"}));
 }
 
-std::string yaml_matrix(const std::string& name, int rows, int columns,
-                        const std::vector<double>& data) {
-  return fmt::format("{}: !!opencv-matrix\n   rows: {}\n   cols: {}\n   dt: d\n   data: {}\n", name,
-                     rows, columns, json_list(data));
-}
-
-void write_easyvolcap(const TemporaryFolder& folder, bool videos) {
-  std::string intri = "%YAML:1.0\n---\nnames:\n";
-  for (int i = 0; i < kCameras; ++i) intri += fmt::format("   - \"{:02}\"\n", i);
-  std::string extri = intri;
-  for (int i = 0; i < kCameras; ++i) {
-    const Camera c = known_camera(i, kCameras, "");
-    const std::string name = fmt::format("{:02}", i);
-    intri += yaml_matrix("K_" + name, 3, 3, matrix_k(c, 0));
-    intri += yaml_matrix((i % 2 ? "D_" : "dist_") + name, 5, 1, {-0.1, 0.01, 0, 0, 0});
-    extri += yaml_matrix("Rot_" + name, 3, 3, std::vector<double>(c.rotation, c.rotation + 9));
-    extri += yaml_matrix("T_" + name, 3, 1, std::vector<double>(c.translation, c.translation + 3));
-    if (videos) {
-      write_video(folder / fmt::format("videos/{}.mp4", name), i, 2);
-    } else {
-      write_images(folder / ("images/" + name), i, 2, "jpg");
-    }
-  }
-  write_text(folder / "intri.yml", intri);
-  write_text(folder / "extri.yml", extri);
-}
-
 TEST_CASE("easyvolcap: principal points shift by half a pixel, and the middle camera is held out") {
   const bool videos = GENERATE(false, true);
   const TemporaryFolder folder;
-  write_easyvolcap(folder, videos);
+  write_easyvolcap(folder, kCameras, 2, videos);
   const auto capture = load(folder.path);
   REQUIRE(capture.ok());
   REQUIRE(capture->cameras.size() == kCameras);
@@ -141,7 +114,7 @@ TEST_CASE("easyvolcap: principal points shift by half a pixel, and the middle ca
 
 TEST_CASE("easyvolcap: errors name damaged and missing entries") {
   const TemporaryFolder folder;
-  write_easyvolcap(folder, false);
+  write_easyvolcap(folder, kCameras, 2, false);
   fs::remove_all(folder / "images/03");
   CHECK(fails_with(load(folder.path).status(), {"camera '03'", "images/03"}));
   write_text(folder / "extri.yml", "%YAML:1.0\n---\nT_00: 5\n");

@@ -13,6 +13,7 @@
 #include "moving.h"
 #include "options.h"
 #include "printable.h"
+#include "protocol_option.h"
 #include "scene_input.h"
 #include "stgs/encoder/metrics.h"
 #include "stgs/encoder/windows.h"
@@ -148,11 +149,16 @@ class Evaluate final : public Command {
         ->required();
     app.add_option("--against", folder_, "Prepared capture to compare with")->required();
     add_allow_outside(app, allow_outside_);
-    app.add_option("--cameras", which_, "Cameras: test, train, all, or comma-separated names")
-        ->capture_default_str();
-    app.add_option("--every", every_, "Evaluate every Nth frame, from the first")
-        ->check(number_between(1, 1e9))
-        ->capture_default_str();
+    auto* cameras =
+        app.add_option("--cameras", which_, "Cameras: test, train, all, or comma-separated names")
+            ->capture_default_str();
+    auto* every = app.add_option("--every", every_, "Evaluate every Nth frame, from the first")
+                      ->check(number_between(1, 1e9))
+                      ->capture_default_str();
+    add_protocol(app, protocol_,
+                 "Measure by a protocol of the paper a capture that was prepared by it")
+        ->excludes(cameras)
+        ->excludes(every);
     lpips_.declare(app);
     masks_.declare(app);
     memory_.declare(app);
@@ -164,6 +170,8 @@ class Evaluate final : public Command {
     STGS_ASSIGN(auto reader, open_scene(session, file_, memory_.limits()));
     const auto timeline = player::Timeline::from_reader(std::move(reader), shown_file());
     STGS_ASSIGN(const auto capture, encoder::read_prepared_capture(folder_, allow_outside_));
+    if (const encoder::Protocol* protocol = encoder::find_protocol(protocol_))
+      STGS_TRY(encoder::check_protocol(*protocol, capture));
     STGS_ASSIGN(capture_, encoder::capture_for_scene(capture, timeline->metadata(), shown_file()));
     STGS_TRY(encoder::check_same_times(capture_, timeline->metadata(), shown_file()));
     encoder::warn_if_other_capture(capture_, timeline->metadata(), shown_file(),
@@ -297,6 +305,16 @@ class Evaluate final : public Command {
     return fmt::format(", within the masks {:.3f} dB", encoder::psnr_of(s.masked.mean()));
   }
 
+  // The row of the paper's table.
+  std::string protocol_text(const Scores& mean, std::size_t images) const {
+    if (protocol_.empty()) return "";
+    const std::string lpips =
+        lpips_.network() == nullptr ? ", no lpips (--lpips)" : lpips_.text(mean.lpips);
+    return fmt::format("protocol {}: camera {}, {}: psnr {:.2f} dB, ssim_2 {:.4f}{}\n", protocol_,
+                       one_line(cameras_.front().name), plural(images, "image"), mean.psnr,
+                       mean.ssim_2, lpips);
+  }
+
   Status report(Session& session) const {
     std::vector<Scores> all;
     Json views = Json::array();
@@ -339,8 +357,10 @@ class Evaluate final : public Command {
     text += fmt::format("psnr of the pooled error {:.3f} dB{}{}, peak memory {}\n",
                         encoder::psnr_of(mean.mse), masked_text(mean), lpips_.text(mean.lpips),
                         human_bytes(peak_memory()));
+    text += protocol_text(mean, all.size());
     Json json = {{"file", shown_file()},
                  {"against", folder_},
+                 {"protocol", protocol_.empty() ? Json(nullptr) : Json(protocol_)},
                  {"cameras", which_},
                  {"every", every_},
                  {"images", all.size()}};
@@ -358,7 +378,7 @@ class Evaluate final : public Command {
   LpipsOption lpips_;
   MasksOption masks_;
   FlickerMeter flicker_;
-  std::string file_, folder_, which_ = "test";
+  std::string file_, folder_, which_ = "test", protocol_;
   bool allow_outside_ = false;
   int every_ = 1;
   encoder::PreparedCapture capture_;

@@ -26,7 +26,8 @@ class PrepareOptions {
 
  private:
   encoder::PrepareSettings settings_;
-  std::string layout_ = "auto", frames_, test_cameras_;
+  std::string layout_ = "auto", frames_, test_cameras_, protocol_;
+  Argument* scale_ = nullptr;
   bool no_split_ = false;
 };
 

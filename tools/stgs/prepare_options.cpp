@@ -5,23 +5,33 @@
 #include "opencv.h"
 #include "options.h"
 #include "parameter_options.h"
+#include "protocol_option.h"
 #include "usage.h"
 
 namespace stgs::tools {
 
 void PrepareOptions::declare(Arguments& app) {
   const char* group = "Preparing";
-  with_choices(app.add_option("--layout", layout_, "Layout of CAPTURE"),
-               {encoder::kLayoutNames.begin(), encoder::kLayoutNames.end()})
-      ->capture_default_str()
-      ->group(group);
-  app.add_option("--frames", frames_, "Source frames FIRST:END, END excluded (default: all)")
-      ->check(accepted_by<parse_open_frames>)
-      ->group(group);
-  declare_parameters<encoder::PrepareParameters>(app, settings_, group);
-  app.add_option(
-         "--test-cameras", test_cameras_,
-         "Cameras to hold out: comma-separated names, or none (default: as the layout defines)")
+  auto* layout = with_choices(app.add_option("--layout", layout_, "Layout of CAPTURE"),
+                              {encoder::kLayoutNames.begin(), encoder::kLayoutNames.end()})
+                     ->capture_default_str()
+                     ->group(group);
+  auto* frames =
+      app.add_option("--frames", frames_, "Source frames FIRST:END, END excluded (default: all)")
+          ->check(accepted_by<parse_open_frames>)
+          ->group(group);
+  scale_ = declare_parameters<encoder::PrepareParameters>(app, settings_, group).at("scale");
+  auto* test_cameras =
+      app.add_option(
+             "--test-cameras", test_cameras_,
+             "Cameras to hold out: comma-separated names, or none (default: as the layout defines)")
+          ->group(group);
+  add_protocol(app, protocol_,
+               "Prepare the layout, frames, scale and test camera of a protocol of the paper, for "
+               "evaluate --protocol")
+      ->excludes(layout)
+      ->excludes(frames)
+      ->excludes(test_cameras)
       ->group(group);
   app.add_flag("--no-split", no_split_,
                "Skip motion detection: use static points of the first frame only")
@@ -46,6 +56,10 @@ Result<encoder::PrepareSettings> PrepareOptions::settings(const CommonOptions& c
   }
   settings.default_test_cameras = test_cameras_.empty();
   if (test_cameras_ != "none") settings.test_cameras = split_list(test_cameras_);
+  if (const encoder::Protocol* protocol = encoder::find_protocol(protocol_)) {
+    const double scale = scale_->count() > 0 ? settings_.scale : 0;
+    STGS_TRY(encoder::apply_protocol(*protocol, scale, settings));
+  }
   settings.separate_motion = !no_split_;
   settings.seed = common.seed;
   return settings;

@@ -13,7 +13,7 @@ namespace stgs::tools {
 Status add_renders(const TrainReportInput& input, OutputFolder& files, encoder::ReportPage& page);
 
 // Renders a video that turns around the scene (turntable.h) while the clip plays to and fro. A
-// build without OpenCV writes none, and says so in the page and the log.
+// build without OpenCV writes none; the page and the log state that.
 Status add_turntable(const TrainReportInput& input, const encoder::LogSink& log,
                      OutputFolder& files, encoder::ReportPage& page);
 

@@ -13,10 +13,10 @@ using Vector = std::array<double, 3>;
 constexpr double kTurn = 2 * std::numbers::pi;
 
 // A rig whose largest gap between neighbours is smaller stands all around the scene.
-constexpr double kLargestGap = 75 * std::numbers::pi / 180;
+constexpr double kMaxGap = 75 * std::numbers::pi / 180;
 // Width of the window in which cameras determine height and distance, as a part of their arc.
 constexpr double kWindow = 1.0 / 8;
-constexpr double kLeastWindow = 0.05;  // radians
+constexpr double kMinWindow = 0.05;  // radians
 
 constexpr int kIterations = 200;  // of the search for the vertical
 
@@ -124,13 +124,13 @@ class Path {
       gap = next - stations_[i].azimuth;
       middle_ = next + 0.5 * (kTurn - gap);
     }
-    whole_ = gap < kLargestGap;
+    whole_ = gap < kMaxGap;
     arc_ = whole_ ? kTurn : kTurn - gap;
   }
 
   // Height and distance at an azimuth, weighted means over the cameras.
   Station near(double azimuth) const {
-    const double window = std::max(kWindow * arc_, kLeastWindow);
+    const double window = std::max(kWindow * arc_, kMinWindow);
     Station mean{azimuth, 0, 0};
     double weights = 0;
     for (const Station& station : stations_) {

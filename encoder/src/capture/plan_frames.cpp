@@ -183,6 +183,7 @@ Result<std::vector<CameraPlan>> plan_frames(const SourceCapture& source,
   STGS_TRY(split(source, settings, capture));
   STGS_TRY(check_flow(source, capture));
   capture.frame_extension = extension_of(source, plans);
+  capture.protocol = settings.protocol;
   return plans;
 }
 

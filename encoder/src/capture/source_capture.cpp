@@ -9,6 +9,8 @@
 #include <set>
 
 #include "capture_files.h"
+#include "plural.h"
+#include "stgs/encoder/protocol.h"
 #include "stgs/format/json_text.h"
 #include "stgs/format/text.h"
 
@@ -222,15 +224,31 @@ Status attach_flow(SourceCapture& capture, const LogSink& log) {
 }
 
 // Holds out the middle camera by name if the layout states no split and there are at least four.
-void choose_test_camera(SourceCapture& capture, const LogSink& log) {
-  constexpr std::size_t kMinCameras = 4;
-  if (capture.split_known || capture.cameras.size() < kMinCameras) return;
+std::vector<SourceCamera*> by_name(SourceCapture& capture) {
   std::vector<SourceCamera*> sorted;
   for (SourceCamera& camera : capture.cameras) sorted.push_back(&camera);
   std::sort(sorted.begin(), sorted.end(), [](const SourceCamera* a, const SourceCamera* b) {
     return natural_less(a->name, b->name);
   });
-  SourceCamera& middle = *sorted[sorted.size() / 2];
+  return sorted;
+}
+
+// Holds out the camera of a protocol, and no other.
+Status choose_test_camera(SourceCapture& capture, const Protocol& protocol) {
+  if (capture.cameras.size() <= protocol.test_camera) {
+    return invalid_file("{}: has {}, but protocol {} holds out camera number {}", capture.folder,
+                        plural(std::ssize(capture.cameras), "camera"), protocol.name,
+                        protocol.test_camera + 1);
+  }
+  for (SourceCamera& camera : capture.cameras) camera.test = false;
+  by_name(capture)[protocol.test_camera]->test = true;
+  return {};
+}
+
+void choose_test_camera(SourceCapture& capture, const LogSink& log) {
+  constexpr std::size_t kMinCameras = 4;
+  if (capture.split_known || capture.cameras.size() < kMinCameras) return;
+  SourceCamera& middle = *by_name(capture)[capture.cameras.size() / 2];
   middle.test = true;
   log(2, fmt::format("{}: holding out camera '{}' as the test camera (change with --test-cameras)",
                      capture.folder, middle.name));
@@ -270,7 +288,11 @@ Result<SourceCapture> load_checked(const std::shared_ptr<const CaptureFolder>& f
   STGS_TRY(attach_masks(*capture, log));
   STGS_TRY(attach_flow(*capture, log));
   const bool own_split = settings.default_test_cameras && settings.test_cameras.empty();
-  if (own_split) choose_test_camera(*capture, log);
+  if (const Protocol* protocol = find_protocol(settings.protocol)) {
+    STGS_TRY(choose_test_camera(*capture, *protocol));
+  } else if (own_split) {
+    choose_test_camera(*capture, log);
+  }
   return capture;
 }
 

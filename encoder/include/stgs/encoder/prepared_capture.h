@@ -58,6 +58,7 @@ struct PreparedCapture {
   bool metric = false;  // scene units are metres
   std::string frame_extension = "png";
   std::string source;        // layout of the source capture
+  std::string protocol;      // by which it was prepared (protocol.h); "": by none
   float near_plane = 0.01f;  // scene units, derived from the cameras and the initial points
   float extent = 1.0f;       // radius of the camera positions around their centre, scene units
   double scene_centre[3] = {0, 0, 0};

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stgs/encoder/protocol.h"
+
+#include <algorithm>
+
+namespace stgs::encoder {
+
+const Protocol* find_protocol(std::string_view name) {
+  const auto found = std::find_if(kProtocols.begin(), kProtocols.end(),
+                                  [name](const Protocol& p) { return p.name == name; });
+  return found == kProtocols.end() ? nullptr : &*found;
+}
+
+Status apply_protocol(const Protocol& protocol, double scale, PrepareSettings& settings) {
+  if (scale != 0 && scale != protocol.scale && scale != protocol.other_scale) {
+    return usage_error(
+        "--scale {}: the images of protocol {} have the scale {}{}; remove --scale", scale,
+        protocol.name, protocol.scale,
+        protocol.other_scale == 0 ? "" : fmt::format(", or {}", protocol.other_scale));
+  }
+  settings.layout = protocol.layout;
+  settings.first_frame = 0;
+  settings.end_frame = protocol.frames;
+  settings.scale = scale == 0 ? protocol.scale : scale;
+  settings.test_cameras.clear();
+  settings.default_test_cameras = true;
+  settings.protocol = protocol.name;
+  return {};
+}
+
+Status check_protocol(const Protocol& protocol, const PreparedCapture& capture) {
+  if (capture.protocol == protocol.name && capture.frames == protocol.frames) return {};
+  return usage_error(
+      "{}: was not prepared by protocol {} ({}); prepare it with 'stgs prepare CAPTURE -o FOLDER "
+      "--protocol {}'",
+      capture.folder, protocol.name,
+      capture.protocol != protocol.name
+          ? (capture.protocol.empty() ? std::string("but without one")
+                                      : "but by " + capture.protocol)
+          : fmt::format("{} of {} frames", capture.frames, protocol.frames),
+      protocol.name);
+}
+
+}  // namespace stgs::encoder
