@@ -37,8 +37,8 @@ struct PrepareSettings {
   double scale = 1.0;
   std::vector<std::string> test_cameras;  // names; empty: the split of the layout
   bool default_test_cameras = true;       // false: hold out exactly test_cameras, even if empty
-  // Name of a protocol (protocol.h), which apply_protocol() sets; "": none. Its test camera replaces
-  // that of the layout.
+  // Name of a protocol (protocol.h), which apply_protocol() sets; "": none. Its test camera
+  // replaces that of the layout.
   std::string protocol;
   double fps = 0;
   bool separate_motion = true;  // false: one static point cloud from the first frame
