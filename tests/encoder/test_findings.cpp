@@ -20,10 +20,11 @@ struct Rig {
   std::vector<View> views;
   StaticScene scene;
   CalibrationCheck calibration;
+  std::vector<LateCamera> late;
   std::vector<SurfacePoint> points;
 
   std::vector<Finding> findings() const {
-    return find_weaknesses(views, scene, calibration, points);
+    return find_weaknesses(views, scene, calibration, late, points);
   }
 };
 
@@ -82,6 +83,14 @@ bool mentions(const std::vector<Finding>& findings, const std::string& text) {
 }
 
 }  // namespace
+
+TEST_CASE("a late camera is a finding, and one ahead of the others, too") {
+  Rig capture = rig(4, 0.4);
+  CHECK_FALSE(mentions(capture.findings(), "later than"));
+  capture.late = {{1, 2}, {3, -1}};
+  CHECK(mentions(capture.findings(), "camera 'cam1' is 2 frames later than the others"));
+  CHECK(mentions(capture.findings(), "camera 'cam3' is 1 frame ahead of the others"));
+}
 
 TEST_CASE("a sound capture has no findings") {
   CHECK(rig(4, 0.4).findings().empty());

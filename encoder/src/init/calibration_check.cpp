@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "init/epipolar.h"
+
 namespace stgs::encoder::init {
 namespace {
 
@@ -105,26 +107,6 @@ constexpr Mistake kUnits[] = {
     {"the position is in m, those of the others in cm", "multiply it by 100", to_cm},
 };
 
-cv::Matx33d fundamental(const View& a, const View& b) {
-  const cv::Matx33d rotation = b.rotation * a.rotation.t();
-  cv::Vec3d t = b.translation - rotation * a.translation;
-  t /= std::max(cv::norm(t), 1e-300);
-  const cv::Matx33d cross(0, -t[2], t[1], t[2], 0, -t[0], -t[1], t[0], 0);
-  const auto inverse = [](const View& v) {
-    return cv::Matx33d(1 / v.fx, 0, -v.cx / v.fx, 0, 1 / v.fy, -v.cy / v.fy, 0, 0, 1);
-  };
-  return inverse(b).t() * cross * rotation * inverse(a);
-}
-
-// Returns the distance of a match from its epipolar lines (Sampson), pixels.
-double distance_of(const cv::Matx33d& f, const cv::Point2d& p, const cv::Point2d& q) {
-  const cv::Vec3d x(p.x, p.y, 1), y(q.x, q.y, 1);
-  const cv::Vec3d line = f * x, other = f.t() * y;
-  const double square =
-      line[0] * line[0] + line[1] * line[1] + other[0] * other[0] + other[1] * other[1];
-  return std::abs(y.dot(line)) / std::sqrt(std::max(square, 1e-300));
-}
-
 // Returns false if most matches have a known depth, and many of them are behind a camera.
 bool is_in_front(const View& a, const View& b, const PairMatches& pair) {
   int known = 0, in_front = 0;
@@ -153,10 +135,10 @@ struct Agreement {
 };
 
 Agreement agreement_of(const View& a, const View& b, const PairMatches& pair) {
-  const cv::Matx33d f = fundamental(a, b);
+  const cv::Matx33d f = fundamental_of(a, b);
   std::vector<double> distances;
   for (std::size_t i = 0; i < pair.in_a.size(); ++i)
-    distances.push_back(distance_of(f, pair.in_a[i], pair.in_b[i]));
+    distances.push_back(epipolar_distance(f, pair.in_a[i], pair.in_b[i]));
   return {median_of(std::move(distances)), is_in_front(a, b, pair)};
 }
 

@@ -53,6 +53,18 @@ void find_calibration(const std::vector<View>& views, const CalibrationCheck& ca
   }
 }
 
+void find_timing(const std::vector<View>& views, const std::vector<LateCamera>& late,
+                 std::vector<Finding>* findings) {
+  for (const LateCamera& camera : late) {
+    const bool is_late = camera.frames > 0;
+    const std::string frames = plural(std::abs(camera.frames), "frame");
+    findings->push_back({fmt::format("camera '{}' is {} {} the others",
+                                     views[std::size_t(camera.view)].camera->name, frames,
+                                     is_late ? "later than" : "ahead of"),
+                         "synchronise the cameras, or shift its frames by that"});
+  }
+}
+
 void find_gaps(const std::vector<View>& views, const cv::Vec3d& focus,
                std::vector<Finding>* findings) {
   std::vector<RigPose> poses;
@@ -172,9 +184,11 @@ void find_photometry(const std::vector<Surface>& surfaces, const std::vector<Sur
 
 std::vector<Finding> find_weaknesses(const std::vector<View>& views, const StaticScene& scene,
                                      const CalibrationCheck& calibration,
+                                     const std::vector<LateCamera>& late,
                                      const std::vector<SurfacePoint>& points) {
   std::vector<Finding> findings;
   find_calibration(views, calibration, &findings);
+  find_timing(views, late, &findings);
   find_gaps(views, scene.focus.point, &findings);
   if (views.size() > 1) find_unmeasured(scene, &findings);
   find_photometry(scene.surfaces, points, &findings);

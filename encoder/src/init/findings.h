@@ -7,6 +7,7 @@
 
 #include "init/calibration_check.h"
 #include "init/static_points.h"
+#include "init/timing_check.h"
 #include "init/view.h"
 
 namespace stgs::encoder::init {
@@ -17,10 +18,11 @@ struct Finding {
   bool is_logged = false;  // by the stage that found it
 };
 
-// Returns the findings about overlap, measured depth, calibration, exposure and sharpness, the most
-// consequential first. `points` are the static points.
+// Returns the findings about calibration, timing, overlap, measured depth, exposure and sharpness,
+// the most consequential first. `points` are the static points.
 std::vector<Finding> find_weaknesses(const std::vector<View>& views, const StaticScene& scene,
                                      const CalibrationCheck& calibration,
+                                     const std::vector<LateCamera>& late,
                                      const std::vector<SurfacePoint>& points);
 
 }  // namespace stgs::encoder::init

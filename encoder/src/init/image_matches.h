@@ -4,6 +4,7 @@
 
 #include <opencv2/core.hpp>
 #include <set>
+#include <utility>
 #include <vector>
 
 #include "init/view.h"
@@ -17,13 +18,28 @@ struct PairMatches {
   std::vector<cv::Point2d> in_a, in_b;
 };
 
+// Distinct points of an image: positions (centres at +0.5) and descriptors (SIFT).
+struct Features {
+  std::vector<cv::Point2d> points;
+  cv::Mat descriptors;  // one row per point
+};
+
+// Finds at most `limit` features of an 8-bit RGB image.
+Features find_features(const cv::Mat& image, std::size_t limit);
+
+// Returns the indices (in a, in b) of features that match clearly, in both directions.
+std::vector<std::pair<int, int>> match_features(const Features& a, const Features& b);
+
+// Returns the pairs of views that are likely to see the same, the smaller index first: those with
+// the most similar lines of sight, and those next to each other in the list, because the poses may
+// be wrong.
+std::set<std::pair<int, int>> likely_pairs(const std::vector<View>& views);
+
 // Returns the frames in which matches are found: the first, the middle and the last.
 std::set<int> matched_frames(const PreparedCapture& capture);
 
-// Finds the matches of the first, the middle and the last frame between views that are likely to
-// see the same: those with the most similar lines of sight, and those next to each other in the
-// list, because the poses may be wrong. Keeps the matches that agree with one fundamental matrix,
-// and pairs with enough of them.
+// Finds the matches of the first, the middle and the last frame between likely_pairs(). Keeps the
+// matches that agree with one fundamental matrix, and pairs with enough of them.
 Status find_matches(const PreparedCapture& capture, const std::vector<View>& views, Work& work,
                     std::vector<PairMatches>* out);
 

@@ -14,6 +14,7 @@
 #include "init/motion.h"
 #include "init/report.h"
 #include "init/static_points.h"
+#include "init/timing_check.h"
 #include "init/velocity.h"
 #include "init/work.h"
 #include "plural.h"
@@ -36,6 +37,7 @@ struct State {
   std::vector<View> views{};
   CalibrationCheck calibration{};
   std::vector<ViewMotion> motion{};
+  std::vector<LateCamera> late{};
   StaticScene scene{};
   std::vector<DynamicFrame> frames{};
   std::vector<Velocities> velocities{};
@@ -355,6 +357,8 @@ Status run(State& state) {
   }
   STGS_TRY(check_calibration(state));
   STGS_TRY(find_all_motion(state));
+  if (state.settings.separate_motion)
+    STGS_TRY(check_timing(state.capture, state.views, state.work, &state.late));
   start_features(state);
   STGS_TRY(find_static(state));
   if (state.settings.separate_motion) {
@@ -363,7 +367,8 @@ Status run(State& state) {
   }
   STGS_TRY(choose_static(state));
   collect_points(state);
-  state.findings = find_weaknesses(state.views, state.scene, state.calibration, state.scene.points);
+  state.findings =
+      find_weaknesses(state.views, state.scene, state.calibration, state.late, state.scene.points);
   for (const Finding& f : state.findings) {
     if (!f.is_logged) state.work.log(fmt::format("{}; {}", f.text, f.remedy), 1);
   }

@@ -1,0 +1,149 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "init/timing_check.h"
+
+#include <algorithm>
+#include <array>
+#include <cstdlib>
+#include <map>
+#include <opencv2/imgproc.hpp>
+#include <set>
+
+#include "init/epipolar.h"
+#include "init/image_matches.h"
+
+namespace stgs::encoder::init {
+namespace {
+
+constexpr int kDelays = 2 * kMaxDelay + 1;  // from -kMaxDelay to kMaxDelay
+constexpr int kTimes = 2;                   // at which frames are compared, spread over the clip
+constexpr std::size_t kMaxMoving = 400;     // of the moving content of a frame
+constexpr int kMargin = 24;                 // around it, pixels, because features have a size
+constexpr double kOnLine = 1;               // pixels
+// A camera is late if so many matches are on their lines at a delay, so many times those without
+// it, and at least so many of its pairs agree.
+constexpr int kMinOnLine = 24;
+constexpr double kMinRatio = 1.6;
+constexpr int kMinAgreeing = 2;
+
+using Counts = std::array<int, kDelays>;
+
+// The matches of two views on their epipolar lines; entry d is between frame t of a and frame
+// t + d - kMaxDelay of b.
+struct PairCounts {
+  int a = 0, b = 0;
+  Counts on_line{};
+};
+
+Result<Features> moving_features(const PreparedCapture& capture, const View& view, int frame) {
+  STGS_ASSIGN(const cv::Mat mask, load_mask_image(capture, view, frame));
+  if (mask.empty() || cv::countNonZero(mask) == 0) return Features{};
+  STGS_ASSIGN(const cv::Mat image, load_image(capture, view, frame));
+  const cv::Rect moving = cv::boundingRect(mask);
+  const cv::Rect box = cv::Rect(moving.x - kMargin, moving.y - kMargin, moving.width + 2 * kMargin,
+                                moving.height + 2 * kMargin) &
+                       cv::Rect({0, 0}, mask.size());
+  const Features all = find_features(image(box), 4 * kMaxMoving);
+  Features out;
+  for (std::size_t i = 0; i < all.points.size() && out.points.size() < kMaxMoving; ++i) {
+    const cv::Point2d p = all.points[i] + cv::Point2d(box.tl());
+    if (mask.at<std::uint8_t>(cv::Point(p)) == 0) continue;
+    out.points.push_back(p);
+    out.descriptors.push_back(all.descriptors.row(static_cast<int>(i)));
+  }
+  return out;
+}
+
+int count_on_line(const Features& a, const Features& b, const cv::Matx33d& f) {
+  int count = 0;
+  for (const auto& [i, j] : match_features(a, b))
+    count += epipolar_distance(f, a.points[i], b.points[j]) < kOnLine ? 1 : 0;
+  return count;
+}
+
+// Adds the counts around a time to all pairs.
+Status count_pairs(const PreparedCapture& capture, const std::vector<View>& views, int time,
+                   Work& work, std::vector<PairCounts>* pairs) {
+  std::vector<std::array<Features, kDelays>> features(views.size());
+  STGS_TRY(work.for_each(int(views.size()) * kDelays, [&](int i) -> Status {
+    const int view = i / kDelays, delay = i % kDelays;
+    STGS_ASSIGN(features[view][delay],
+                moving_features(capture, views[view], time + delay - kMaxDelay));
+    return {};
+  }));
+  return work.for_each(int(pairs->size()), [&](int i) -> Status {
+    PairCounts& pair = (*pairs)[i];
+    const cv::Matx33d f = fundamental_of(views[pair.a], views[pair.b]);
+    for (int d = 0; d < kDelays; ++d)
+      pair.on_line[d] += count_on_line(features[pair.a][kMaxDelay], features[pair.b][d], f);
+    return {};
+  });
+}
+
+// The matches of a camera by its delay, relative to the known delays of the others.
+struct Votes {
+  Counts matches{}, pairs{};  // `pairs`: those with more matches than without a delay
+};
+
+Votes votes_of(int view, const std::vector<PairCounts>& pairs, const std::vector<int>& delays) {
+  Votes votes;
+  for (const PairCounts& pair : pairs) {
+    if (pair.a != view && pair.b != view) continue;
+    // A view a that is late by x shows in frame t what b, late by y, shows in frame t - x + y.
+    const auto at = [&](int delay) {
+      const int x = pair.a == view ? delay : delays[pair.a];
+      const int y = pair.b == view ? delay : delays[pair.b];
+      const int d = y - x + kMaxDelay;
+      return d >= 0 && d < kDelays ? pair.on_line[d] : 0;
+    };
+    for (int d = 0; d < kDelays; ++d) {
+      votes.matches[d] += at(d - kMaxDelay);
+      votes.pairs[d] += at(d - kMaxDelay) > at(0) ? 1 : 0;
+    }
+  }
+  return votes;
+}
+
+// The delay of a camera that shows most clearly; `frames` is 0 if none does.
+LateCamera find_latest(const std::vector<PairCounts>& pairs, const std::vector<int>& delays) {
+  LateCamera found;
+  double best = kMinRatio;
+  for (int view = 0; view < static_cast<int>(delays.size()); ++view) {
+    if (delays[view] != 0) continue;
+    const Votes votes = votes_of(view, pairs, delays);
+    for (int d = 0; d < kDelays; ++d) {
+      const double ratio = votes.matches[d] / (votes.matches[kMaxDelay] + 1.0);
+      if (votes.matches[d] < kMinOnLine || votes.pairs[d] < kMinAgreeing || ratio <= best) continue;
+      best = ratio;
+      found = {view, d - kMaxDelay};
+    }
+  }
+  return found;
+}
+
+}  // namespace
+
+Status check_timing(const PreparedCapture& capture, const std::vector<View>& views, Work& work,
+                    std::vector<LateCamera>* out) {
+  out->clear();
+  if (views.size() <= kMinAgreeing || capture.frames < kDelays) return {};
+  std::set<int> times;
+  for (int k = 1; k <= kTimes; ++k) {
+    times.insert(
+        std::clamp(k * capture.frames / (kTimes + 1), kMaxDelay, capture.frames - 1 - kMaxDelay));
+  }
+  work.stage("timing", 2 * static_cast<int>(times.size()));
+  std::vector<PairCounts> pairs;
+  for (const auto& [a, b] : likely_pairs(views)) pairs.push_back({a, b, {}});
+  for (const int time : times) STGS_TRY(count_pairs(capture, views, time, work, &pairs));
+  // One by one, because a late camera makes its partners look early. Most are in time.
+  std::vector<int> delays(views.size(), 0);
+  while (2 * out->size() < views.size()) {
+    const LateCamera late = find_latest(pairs, delays);
+    if (late.frames == 0) break;
+    delays[late.view] = late.frames;
+    out->push_back(late);
+  }
+  return {};
+}
+
+}  // namespace stgs::encoder::init

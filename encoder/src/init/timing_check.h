@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+// Finds cameras whose frames were taken earlier or later than those of the others.
+#pragma once
+
+#include <vector>
+
+#include "init/view.h"
+#include "init/work.h"
+
+namespace stgs::encoder::init {
+
+// A camera that shows in frame f what the others show in frame f - frames.
+struct LateCamera {
+  int view = 0;
+  int frames = 0;  // negative: it is ahead of the others
+};
+
+// Matches moving content, which the masks of the capture show, between each view and its likely
+// partners in frames that are up to kMaxDelay apart. The matches are nearest to their epipolar
+// lines in frames of the same time. Finds nothing in short clips, and where too little moves.
+Status check_timing(const PreparedCapture& capture, const std::vector<View>& views, Work& work,
+                    std::vector<LateCamera>* out);
+
+inline constexpr int kMaxDelay = 3;  // frames
+
+}  // namespace stgs::encoder::init
