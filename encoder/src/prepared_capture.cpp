@@ -15,6 +15,7 @@
 #include "stgs/encoder/camera_json.h"
 #include "stgs/encoder/capture_folder.h"
 #include "stgs/encoder/image_file.h"
+#include "stgs/encoder/protocol.h"
 #include "stgs/format/byte_source.h"
 #include "stgs/format/output_file.h"
 
@@ -70,6 +71,10 @@ Status check(const PreparedCapture& capture, const std::string& path) {
   if (capture.frames < 1 || capture.frames > kCaptureLimits.frames) {
     return invalid_file("{}: \"frames\" is {} (expected 1 to {})", path, capture.frames,
                         kCaptureLimits.frames);
+  }
+  if (!capture.protocol.empty() && find_protocol(capture.protocol) == nullptr) {
+    return invalid_file("{}: unknown protocol {}", path,
+                        short_json(nlohmann::json(capture.protocol)));
   }
   if (capture.frame_extension != "png" && capture.frame_extension != "jpg") {
     return invalid_file("{}: frame_extension is '{}' (expected png or jpg)", path,

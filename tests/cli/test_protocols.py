@@ -6,23 +6,29 @@ import shutil
 
 from harness import CliTest, built_in
 
-USAGE, IO = 1, 2
+USAGE, INVALID = 1, 3
 
 
 class Protocols(CliTest):
     def extended(self):
-        """A copy of the prepared fixture with the 60 frames of selfcap."""
-        folder = pathlib.Path(self.copy_capture("selfcap"))
-        capture = json.loads((folder / "capture.json").read_text())
-        for camera in capture["cameras"]:
-            for kind in ("frames", "masks"):
-                files = sorted((folder / kind / camera["name"]).glob("*"))
-                for number in range(len(files), 60 if files else 0):
-                    copy = files[number % len(files)]
-                    shutil.copy(copy, copy.with_stem(f"{number:06}"))
-        capture.update(frames=60, protocol="selfcap")
+        """A capture of selfcap: cameras 00 to 09 with 60 frames, which repeat those of the fixture."""
+        source = pathlib.Path(self.fixture("prepared"))
+        folder = pathlib.Path(self.path("selfcap"))
+        capture = json.loads((source / "capture.json").read_text())
+        cameras = []
+        for number in range(10):
+            camera = capture["cameras"][number % len(capture["cameras"])]
+            frames = sorted((source / "frames" / camera["name"]).glob("*"))
+            (folder / "frames" / f"{number:02}").mkdir(parents=True)
+            for frame in range(60):
+                shutil.copy(frames[frame % len(frames)],
+                            folder / "frames" / f"{number:02}" / f"{frame:06}{frames[0].suffix}")
+            cameras.append({**camera, "name": f"{number:02}", "test": number == 9})
+        for points in ("points_static.ply", "points_dynamic.ply"):
+            shutil.copy(source / points, folder)
+        capture.update(frames=60, protocol="selfcap", source="easyvolcap", cameras=cameras)
         (folder / "capture.json").write_text(json.dumps(capture))
-        return str(folder), next(c["name"] for c in capture["cameras"] if c["test"])
+        return str(folder), "09"
 
     def test_a_row_of_the_table(self):
         folder, camera = self.extended()
@@ -42,6 +48,14 @@ class Protocols(CliTest):
         self.fails(USAGE, "was not prepared by protocol n3dv .but without one.; prepare it with",
                    "evaluate", self.fixture("tiny.stgs"), "--against", self.fixture("prepared"),
                    "--protocol", "n3dv")
+
+    def test_unknown_protocols_of_a_capture_are_refused(self):
+        folder = pathlib.Path(self.copy_capture("other"))
+        capture = json.loads((folder / "capture.json").read_text())
+        for name in ("n3d", "x" * 5000, 3, None):
+            (folder / "capture.json").write_text(json.dumps({**capture, "protocol": name}))
+            self.fails(INVALID, "capture.json", "evaluate", self.fixture("tiny.stgs"), "--against",
+                       str(folder))
 
     def test_prepare_refuses_what_contradicts_a_protocol(self):
         if not built_in("prepare"):

@@ -46,12 +46,22 @@ class Capture(CliTest):
 
 class Refinement(CliTest):
     def test_the_output_lists_the_cameras(self):
-        train = ("train", self.fixture("prepared"), "-o", "a.stgs", "--iterations", "4")
+        folder = self.copy_capture("capture")
+        path = os.path.join(folder, "capture.json")
+        with open(path, encoding="utf-8") as file:
+            capture = json.load(file)
+        train = ("train", folder, "-o", "a.stgs", "--iterations", "4")
         self.assertEqual(self.json_of(*train)["cameras"], [])
-        cameras = self.json_of(*train, "--refine-cameras")["cameras"]
-        with open(os.path.join(self.fixture("prepared"), "capture.json"), encoding="utf-8") as file:
-            training = [c["name"] for c in json.load(file)["cameras"] if not c["test"]]
-        self.assertEqual([c["name"] for c in cameras], training)
+        self.fails(USAGE, "--refine-cameras needs at least 3 training cameras", *train,
+                   "--refine-cameras")
+        for camera in capture["cameras"]:
+            camera["test"] = False
+        with open(path, "w", encoding="utf-8") as file:
+            json.dump(capture, file)
+        cameras = self.json_of(*train, "--refine-cameras", "--report", "page")["cameras"]
+        self.assertEqual([c["name"] for c in cameras], [c["name"] for c in capture["cameras"]])
+        with open(self.path("page/index.html"), encoding="utf-8") as file:
+            self.assertIn("Refined cameras", file.read())
         self.fails(USAGE, "lr_camera=1e-3 has no effect without --refine-cameras", "train",
                    self.fixture("prepared"), "-o", "b.stgs", "--set", "lr_camera=1e-3")
 

@@ -50,6 +50,12 @@ TEST_CASE("n3dv: the first 300 frames at half size, without cam00") {
   part.frames = 30;
   CHECK(check_protocol(*find_protocol("n3dv"), part).message().find("30 of 300 frames") !=
         std::string::npos);
+  PreparedCapture late = *capture;
+  late.first_frame = 1;
+  CHECK(check_protocol(*find_protocol("n3dv"), late).code() == StatusCode::kUsage);
+  PreparedCapture changed = *capture;
+  std::swap(changed.cameras[0].test, changed.cameras[1].test);
+  CHECK(check_protocol(*find_protocol("n3dv"), changed).code() == StatusCode::kInvalidFile);
   PreparedCapture other = *capture;
   other.protocol.clear();
   CHECK(check_protocol(*find_protocol("n3dv"), other).code() == StatusCode::kUsage);
@@ -86,7 +92,12 @@ TEST_CASE("a capture that a protocol does not fit is named with the reason") {
         std::string::npos);
   const TemporaryFolder short_clip;
   write_n3dv(short_clip.path, 3, 20);
-  CHECK_FALSE(plan(short_clip.path, "n3dv").ok());
+  const Status too_short = plan(short_clip.path, "n3dv").status();
+  CHECK(too_short.message().find("protocol n3dv needs the first 300 frames, but camera 'cam00' has "
+                                 "20") != std::string::npos);
+  PrepareSettings unknown;
+  unknown.protocol = "n3d";
+  CHECK(load(short_clip.path, unknown).status().code() == StatusCode::kUsage);
   CHECK_FALSE(plan(short_clip.path, "selfcap").ok());  // another layout
 }
 

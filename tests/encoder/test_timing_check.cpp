@@ -73,6 +73,11 @@ TEST_CASE("synchronous cameras, short clips and still scenes have no late camera
   SECTION("short") {
     CHECK(check(write(folder, falling(5), 2, 2)).empty());
   }
+  SECTION("one of two cameras: neither is a minority") {
+    PreparedCapture capture = write(folder, rig, 2, 2);
+    capture.cameras.resize(2);
+    CHECK(check(capture).empty());
+  }
   SECTION("still") {
     rig.velocity = {0, 0, 0};
     CHECK(check(write(folder, rig, 2, 2)).empty());

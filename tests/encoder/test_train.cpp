@@ -75,6 +75,7 @@ TEST_CASE("two ranks recover a held-out view as well as one rank over the same n
   stgs::testing::on_ranks(2, [&](Ranks& ranks) {
     const auto r = static_cast<std::size_t>(ranks.rank());
     TrainSettings settings = short_run(1200);
+    settings.refine_cameras = true;
     settings.ranks = &ranks;
     TrainReport report;
     const auto log = [&](int, const std::string& line) { logged[r] += line + "\n"; };

@@ -2,6 +2,8 @@
 // Checkpoints: interrupted runs resume to the same result, and unsuitable checkpoints are rejected.
 #include <filesystem>
 #include <fstream>
+#include <functional>
+#include <limits>
 #include <stdexcept>
 #include <utility>
 
@@ -214,8 +216,8 @@ TEST_CASE("a checkpoint whose state is not that of the run is rejected") {
     maps->pop_back();
   cameras.colour_updates.pop_back();
   CHECK(resume(cameras).code() == StatusCode::kInvalidFile);
-  TrainState refined = checkpoint->state;  // of other cameras
-  begin_refinement(refined.colour.size() + 1, refined);
+  TrainState refined = checkpoint->state;  // without --refine-cameras
+  begin_refinement(refined.colour.size(), refined);
   CHECK(resume(refined).code() == StatusCode::kInvalidFile);
   TrainState degree;  // as would the gradients of SH
   degree.resize(checkpoint->state.size());
@@ -231,6 +233,34 @@ TEST_CASE("a checkpoint whose state is not that of the run is rejected") {
   nothing.compaction.prunings = 1;  // but none was chosen
   nothing.compaction.keep = 0;
   CHECK(resume(nothing).code() == StatusCode::kInvalidFile);
+}
+
+TEST_CASE("a checkpoint with impossible corrections of cameras is rejected") {
+  const SyntheticCapture synthetic(5);
+  TrainSettings settings = short_run(4);
+  settings.refine_cameras = true;
+  settings.checkpoint = synthetic.capture.folder + "/train.ckpt";
+  REQUIRE(run(synthetic, settings).ok());
+  const Result<Checkpoint> checkpoint = read_checkpoint(settings.checkpoint);
+  REQUIRE(checkpoint.ok());
+  settings.resume = settings.checkpoint;
+  const auto resume = [&](const std::function<void(TrainState&)>& change) {
+    TrainState state = checkpoint->state;
+    change(state);
+    REQUIRE(write_checkpoint(settings.checkpoint, state, checkpoint->fingerprint).ok());
+    return run(synthetic, settings).status().code();
+  };
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  CHECK(resume([](TrainState&) {}) == StatusCode::kOk);
+  CHECK(resume([](TrainState& s) { s.cameras.clear(); }) == StatusCode::kInvalidFile);
+  CHECK(resume([](TrainState& s) { begin_refinement(2, s); }) == StatusCode::kInvalidFile);
+  CHECK(resume([](TrainState& s) { begin_refinement(0, s); }) == StatusCode::kInvalidFile);
+  CHECK(resume([&](TrainState& s) { s.cameras[1][2] = nan; }) == StatusCode::kInvalidFile);
+  CHECK(resume([](TrainState& s) { s.cameras[1][6] = 50; }) == StatusCode::kInvalidFile);
+  CHECK(resume([](TrainState& s) { s.cameras_second[0][0] = -1; }) == StatusCode::kInvalidFile);
+  CHECK(resume([&](TrainState& s) { s.camera_sums[0][0] = nan; }) == StatusCode::kInvalidFile);
+  CHECK(resume([](TrainState& s) { s.camera_updates[0] = 0xFFFFFFFF; }) ==
+        StatusCode::kInvalidFile);
 }
 
 TEST_CASE("resuming a completed run returns its held-out score") {

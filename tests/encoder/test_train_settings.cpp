@@ -104,6 +104,26 @@ bool same_scene(const Scene& a, const Scene& b) {
 
 }  // namespace
 
+TEST_CASE("the hyper-parameters of refined cameras change the scene; two cameras are too few") {
+  const SyntheticCapture synthetic(4, 4);
+  TrainSettings settings = test::short_run(60);
+  settings.refine_cameras = true;
+  const Result<Scene> base = test::run(synthetic, settings);
+  REQUIRE(base.ok());
+  for (const auto& [name, value] : Values{{"lr_camera", "1e-3"}, {"camera_pull", "0.2"}}) {
+    TrainSettings changed = settings;
+    changed.overrides.emplace_back(name, value);
+    const Result<Scene> scene = test::run(synthetic, changed);
+    CAPTURE(name);
+    REQUIRE(scene.ok());
+    CHECK_FALSE(same_scene(*base, *scene));
+  }
+  const SyntheticCapture few(3, 4);
+  const Status status = test::run(few, settings).status();
+  CHECK(status.code() == StatusCode::kUsage);
+  CHECK(status.message().find("at least 3 training cameras") != std::string::npos);
+}
+
 TEST_CASE("every hyper-parameter changes the scene or is rejected, with and without ablations") {
   const SyntheticCapture synthetic(3, 4);
   std::vector<std::string> parts = ablation_names();
@@ -144,9 +164,10 @@ TEST_CASE("every hyper-parameter changes the scene or is rejected, with and with
     }
   }
   // Only these are rejected.
-  CHECK(left_out[""] == std::vector<std::string>{"weight_perceptual", "batch_rate", "batch_memory",
-                                                 "plain_until", "plain_prune", "plain_reset",
-                                                 "perceptual_from", "perceptual_patch"});
+  CHECK(left_out[""] == std::vector<std::string>{"weight_perceptual", "lr_camera", "camera_pull",
+                                                 "batch_rate", "batch_memory", "plain_until",
+                                                 "plain_prune", "plain_reset", "perceptual_from",
+                                                 "perceptual_patch"});
   CHECK(left_out["modulation"].size() == left_out[""].size() + 1);
 }
 

@@ -170,9 +170,9 @@ class Evaluate final : public Command {
     STGS_ASSIGN(auto reader, open_scene(session, file_, memory_.limits()));
     const auto timeline = player::Timeline::from_reader(std::move(reader), shown_file());
     STGS_ASSIGN(const auto capture, encoder::read_prepared_capture(folder_, allow_outside_));
-    if (const encoder::Protocol* protocol = encoder::find_protocol(protocol_))
-      STGS_TRY(encoder::check_protocol(*protocol, capture));
     STGS_ASSIGN(capture_, encoder::capture_for_scene(capture, timeline->metadata(), shown_file()));
+    if (const encoder::Protocol* protocol = encoder::find_protocol(protocol_))
+      STGS_TRY(encoder::check_protocol(*protocol, capture_));
     STGS_TRY(encoder::check_same_times(capture_, timeline->metadata(), shown_file()));
     encoder::warn_if_other_capture(capture_, timeline->metadata(), shown_file(),
                                    session.log_sink());

@@ -104,13 +104,13 @@ Status prepare_capture(const std::string& capture, const std::string&,
 
 Status check_mp4_writer() {
   return not_built(
-      "this build has no mp4 (OpenCV was not found); write .y4m, or rebuild with libopencv-dev");
+      "this build has no mp4, because OpenCV was not found; rebuild with libopencv-dev");
 }
 
 Result<std::unique_ptr<VideoWriter>> make_mp4_writer(const std::string& path, TimeBase,
                                                      const encoder::LogSink&) {
   const Status missing = check_mp4_writer();
-  return Status(missing.code(), fmt::format("{}: {}", path, missing.message()));
+  return Status(missing.code(), fmt::format("{}: {}, or write .y4m", path, missing.message()));
 }
 
 #endif

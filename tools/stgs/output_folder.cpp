@@ -67,6 +67,12 @@ Result<std::string> OutputFolder::add(const std::string& name) {
   return made_ + "/" + name;
 }
 
+void OutputFolder::drop(const std::string& name) {
+  std::erase(names_, name);
+  std::error_code error;
+  fs::remove(fs::path(made_) / name, error);  // the work folder is deleted in any case
+}
+
 Status OutputFolder::move(int folder, const std::string& name) const {
   const fs::path path(name);
   fs::path parent;

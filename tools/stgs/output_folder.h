@@ -20,6 +20,8 @@ class OutputFolder {
 
   // Returns the path at which to write the file `name`: a file name, or a path below the folder.
   Result<std::string> add(const std::string& name);
+  // Forgets a file of add(), which may not exist, and deletes it.
+  void drop(const std::string& name);
   // Moves the files into the folder, in the order of add(), and replaces those of the same name.
   // Ignores SIGINT and SIGTERM meanwhile; kRuntime if one has arrived before. kIoError, with the
   // files that were moved, if a move fails, as for a subfolder that is a link.

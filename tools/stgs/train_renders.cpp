@@ -73,22 +73,51 @@ Size video_size(const encoder::Camera& camera) {
   return {even(camera.width), even(camera.height)};
 }
 
+// The capture with the training cameras as they were trained with.
+encoder::PreparedCapture trained_capture(const TrainReportInput& input) {
+  encoder::PreparedCapture capture = input.capture;
+  for (const encoder::RefinedCamera& refined : input.report.cameras) {
+    for (encoder::Camera& camera : capture.cameras) {
+      if (camera.name == refined.camera.name) camera = refined.camera;
+    }
+  }
+  return capture;
+}
+
+// `interrupted`: set if the run is to stop.
+Status write_turntable(const TrainReportInput& input, const std::string& path, Session& session,
+                       bool& interrupted) {
+  STGS_ASSIGN(const auto writer, make_mp4_writer(path, kVideoRate, session.log_sink()));
+  const encoder::PreparedCapture capture = trained_capture(input);
+  Renders renders(input.scene, capture.near_plane);
+  std::size_t k = 0;
+  for (encoder::Camera& view : turntable(capture, kVideoFrames)) {
+    view = resized(view, video_size(view));
+    const Image& colour = renders.render(view, to_and_fro(static_cast<int>(k), capture.frames));
+    STGS_TRY(writer->add(to_8bit(colour)));
+    interrupted = !session.progress("report", ++k, kVideoFrames);
+    if (interrupted) return runtime_error("interrupted; the report is not written");
+  }
+  return writer->finish();
+}
+
 }  // namespace
 
 Status add_renders(const TrainReportInput& input, OutputFolder& files, encoder::ReportPage& page) {
-  auto views = encoder::sample_views(input.capture, true, encoder::kMaxHeldOutImages);
+  const encoder::PreparedCapture capture = trained_capture(input);
+  auto views = encoder::sample_views(capture, true, encoder::kMaxHeldOutImages);
   const bool test = !views.empty();
-  if (!test) views = encoder::sample_views(input.capture, false, encoder::kMaxHeldOutImages);
+  if (!test) views = encoder::sample_views(capture, false, encoder::kMaxHeldOutImages);
   page.heading(test ? "Test cameras: render, ground truth and error"
                     : "Training cameras (none was held out): render, ground truth and error");
   page.paragraph(
       fmt::format("Error: mean absolute difference of the channels; white is {:.0f} % or more.",
                   100 / kErrorScale));
-  Renders renders(input.scene, input.capture.near_plane);
+  Renders renders(input.scene, capture.near_plane);
   for (const encoder::SampledView& view : views) {
-    const encoder::Camera& camera = input.capture.cameras[view.camera];
+    const encoder::Camera& camera = capture.cameras[view.camera];
     STGS_ASSIGN(const encoder::Image8 ground_truth,
-                encoder::load_frame(input.capture, camera, view.frame));
+                encoder::load_frame(capture, camera, view.frame));
     const Image truth = encoder::to_float(ground_truth);
     const Image& render = renders.render(camera, view.frame);
     const double psnr = encoder::psnr_of(encoder::mean_squared_error(render, truth));
@@ -108,26 +137,24 @@ Status add_renders(const TrainReportInput& input, OutputFolder& files, encoder::
   return {};
 }
 
-Status add_turntable(const TrainReportInput& input, const encoder::LogSink& log,
-                     OutputFolder& files, encoder::ReportPage& page) {
-  if (const Status possible = check_mp4_writer(); !possible.ok()) {
-    page.paragraph(fmt::format("No video: {}", possible.message()));
-    log(1, fmt::format("the report has no video: {}", possible.message()));
-    return {};
-  }
-  const std::string name = "turntable.mp4";
-  STGS_ASSIGN(const std::string path, files.add(name));
-  STGS_ASSIGN(const auto writer, make_mp4_writer(path, kVideoRate, log));
-  Renders renders(input.scene, input.capture.near_plane);
-  int k = 0;
-  for (encoder::Camera& view : turntable(input.capture, kVideoFrames)) {
-    view = resized(view, video_size(view));
-    const Image& colour = renders.render(view, to_and_fro(k++, input.capture.frames));
-    STGS_TRY(writer->add(to_8bit(colour)));
-  }
-  STGS_TRY(writer->finish());
+Status add_turntable(const TrainReportInput& input, Session& session, OutputFolder& files,
+                     encoder::ReportPage& page) {
   page.heading("Turn around the scene");
-  page.video(name, "The clip to and fro, from a path between the cameras");
+  const std::string name = "turntable.mp4";
+  Status written = check_mp4_writer();
+  if (written.ok()) {
+    STGS_ASSIGN(const std::string path, files.add(name));
+    bool interrupted = false;
+    written = write_turntable(input, path, session, interrupted);
+    if (interrupted) return written;
+    if (!written.ok()) files.drop(name);
+  }
+  if (written.ok()) {
+    page.video(name, "The clip to and fro, from a path between the cameras");
+  } else {
+    page.paragraph(fmt::format("No video: {}.", written.message()));
+    session.log_sink()(1, fmt::format("the report has no video: {}", written.message()));
+  }
   return {};
 }
 

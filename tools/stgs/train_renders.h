@@ -12,9 +12,10 @@ namespace stgs::tools {
 // errors.
 Status add_renders(const TrainReportInput& input, OutputFolder& files, encoder::ReportPage& page);
 
-// Renders a video that turns around the scene (turntable.h) while the clip plays to and fro. A
-// build without OpenCV writes none; the page and the log state that.
-Status add_turntable(const TrainReportInput& input, const encoder::LogSink& log,
-                     OutputFolder& files, encoder::ReportPage& page);
+// Renders a video that turns around the scene (turntable.h) while the clip plays to and fro. If it
+// cannot be written, as in a build without OpenCV, the page and the log state why. kRuntime if the
+// run is interrupted.
+Status add_turntable(const TrainReportInput& input, Session& session, OutputFolder& files,
+                     encoder::ReportPage& page);
 
 }  // namespace stgs::tools

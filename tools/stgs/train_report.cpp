@@ -77,6 +77,18 @@ Rows outcome(const TrainReportInput& input, const SceneStatistics& statistics) {
   return rows;
 }
 
+Rows refined(const encoder::TrainReport& report) {
+  Rows rows;
+  for (const encoder::RefinedCamera& camera : report.cameras) {
+    rows.emplace_back(
+        camera.camera.name,
+        fmt::format("{:.2f} pixels: {:.2f} degrees, {:.2f} % of the distance, {:.2f} "
+                    "% of the focal length",
+                    camera.pixels, camera.degrees, 100 * camera.shift, 100 * (camera.zoom - 1)));
+  }
+  return rows;
+}
+
 // Adds every curve twice: over iterations and over seconds.
 void add_curves(const encoder::TrainingLog& log, bool with_perceptual, encoder::ReportPage& page) {
   for (const bool by_time : {false, true}) {
@@ -123,8 +135,12 @@ Status write_train_report(const std::string& folder, const TrainReportInput& inp
   page.heading("Training");
   add_curves(log, input.report.perceptual.has_value(), page);
   OutputFolder files(folder, session.log_sink());
-  STGS_TRY(add_turntable(input, session.log_sink(), files, page));
+  STGS_TRY(add_turntable(input, session, files, page));
   STGS_TRY(add_renders(input, files, page));
+  if (!input.report.cameras.empty()) {
+    page.heading("Refined cameras");
+    page.table(refined(input.report));
+  }
   page.heading("Lifespans and motion");
   page.paragraph(
       fmt::format("The lifespan of a primitive is the time during which its opacity is at least "

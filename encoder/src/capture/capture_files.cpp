@@ -13,6 +13,7 @@
 
 #include "frame_numbers.h"
 #include "json_error.h"
+#include "natural_order.h"
 #include "plural.h"
 #include "stgs/format/camera.h"
 
@@ -20,10 +21,6 @@ namespace stgs::encoder {
 namespace {
 
 namespace fs = std::filesystem;
-
-bool digit(char c) {
-  return c >= '0' && c <= '9';
-}
 
 bool has_extension(const std::string& path, std::initializer_list<const char*> extensions) {
   std::string extension = fs::path(path).extension().string();
@@ -57,27 +54,6 @@ bool has_stem(const std::string& name, const std::string& stem) {
 }
 
 }  // namespace
-
-bool natural_less(const std::string& a, const std::string& b) {
-  std::size_t i = 0, j = 0;
-  while (i < a.size() && j < b.size()) {
-    if (!digit(a[i]) || !digit(b[j])) {
-      if (a[i] != b[j]) return a[i] < b[j];
-      ++i, ++j;
-      continue;
-    }
-    std::size_t i_end = i, j_end = j;
-    while (i_end < a.size() && digit(a[i_end])) ++i_end;
-    while (j_end < b.size() && digit(b[j_end])) ++j_end;
-    while (i + 1 < i_end && a[i] == '0') ++i;
-    while (j + 1 < j_end && b[j] == '0') ++j;
-    if (i_end - i != j_end - j) return i_end - i < j_end - j;
-    if (const int order = a.compare(i, i_end - i, b, j, j_end - j)) return order < 0;
-    i = i_end, j = j_end;
-  }
-  if (a.size() - i != b.size() - j) return a.size() - i < b.size() - j;
-  return a < b;  // equal except for leading zeros
-}
 
 bool is_video(const std::string& path) {
   return has_extension(path, {".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v"});

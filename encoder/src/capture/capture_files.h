@@ -11,9 +11,6 @@
 
 namespace stgs::encoder {
 
-// Natural order: runs of digits compare as numbers, so "cam9" precedes "cam10".
-bool natural_less(const std::string& a, const std::string& b);
-
 // Decide by the file extension, in any case.
 bool is_video(const std::string& path);
 bool is_image(const std::string& path);

@@ -6,6 +6,7 @@
 #include <sstream>
 
 #include "capture_files.h"
+#include "natural_order.h"
 #include "single_precision.h"
 
 namespace stgs::encoder {

@@ -20,6 +20,7 @@
 
 #include "capture_files.h"
 #include "json_error.h"
+#include "natural_order.h"
 #include "plural.h"
 
 namespace stgs::encoder {

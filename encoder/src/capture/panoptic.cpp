@@ -12,6 +12,7 @@
 #include "capture_files.h"
 #include "json_error.h"
 #include "json_read.h"
+#include "natural_order.h"
 #include "plural.h"
 #include "stgs/format/camera.h"
 

@@ -50,6 +50,10 @@ Status choose_range(const SourceCapture& source, const std::vector<FrameInfo>& i
         std::min(first, shortest->frames - 1), shortest->frames);
   }
   const int end = settings.end_frame < 0 ? shortest->frames : settings.end_frame;
+  if (end > shortest->frames && !settings.protocol.empty()) {
+    return invalid_file("{}: protocol {} needs the first {}, but camera '{}' has {}", source.folder,
+                        settings.protocol, plural(end, "frame"), short_name, shortest->frames);
+  }
   if (end > shortest->frames || first >= end) {
     return usage_error(
         "{}: frames {}:{} are out of range: camera '{}' has {}; choose others with "

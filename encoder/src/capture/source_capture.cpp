@@ -9,6 +9,7 @@
 #include <set>
 
 #include "capture_files.h"
+#include "natural_order.h"
 #include "plural.h"
 #include "stgs/encoder/protocol.h"
 #include "stgs/format/json_text.h"
@@ -223,7 +224,7 @@ Status attach_flow(SourceCapture& capture, const LogSink& log) {
   return check_names(capture, folder, used, log);
 }
 
-// Holds out the middle camera by name if the layout states no split and there are at least four.
+// Returns the cameras in the natural order of their names.
 std::vector<SourceCamera*> by_name(SourceCapture& capture) {
   std::vector<SourceCamera*> sorted;
   for (SourceCamera& camera : capture.cameras) sorted.push_back(&camera);
@@ -245,6 +246,7 @@ Status choose_test_camera(SourceCapture& capture, const Protocol& protocol) {
   return {};
 }
 
+// Holds out the middle camera by name if the layout states no split and there are at least four.
 void choose_test_camera(SourceCapture& capture, const LogSink& log) {
   constexpr std::size_t kMinCameras = 4;
   if (capture.split_known || capture.cameras.size() < kMinCameras) return;
@@ -288,7 +290,12 @@ Result<SourceCapture> load_checked(const std::shared_ptr<const CaptureFolder>& f
   STGS_TRY(attach_masks(*capture, log));
   STGS_TRY(attach_flow(*capture, log));
   const bool own_split = settings.default_test_cameras && settings.test_cameras.empty();
-  if (const Protocol* protocol = find_protocol(settings.protocol)) {
+  if (!settings.protocol.empty()) {
+    const Protocol* protocol = find_protocol(settings.protocol);
+    if (protocol == nullptr || !own_split) {
+      return usage_error("protocol '{}': unknown, or together with test cameras",
+                         settings.protocol);
+    }
     STGS_TRY(choose_test_camera(*capture, *protocol));
   } else if (own_split) {
     choose_test_camera(*capture, log);

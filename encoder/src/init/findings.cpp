@@ -57,11 +57,13 @@ void find_timing(const std::vector<View>& views, const std::vector<LateCamera>& 
                  std::vector<Finding>* findings) {
   for (const LateCamera& camera : late) {
     const bool is_late = camera.frames > 0;
+    const std::string& name = views[std::size_t(camera.view)].camera->name;
     const std::string frames = plural(std::abs(camera.frames), "frame");
-    findings->push_back({fmt::format("camera '{}' is {} {} the others",
-                                     views[std::size_t(camera.view)].camera->name, frames,
-                                     is_late ? "later than" : "ahead of"),
-                         "synchronise the cameras, or shift its frames by that"});
+    findings->push_back(
+        {fmt::format("camera '{}' is {} {} the others", name, frames,
+                     is_late ? "later than" : "ahead of"),
+         fmt::format("synchronise the cameras, or remove the first {} of {}", frames,
+                     is_late ? "camera '" + name + "'" : std::string("all other cameras"))});
   }
 }
 

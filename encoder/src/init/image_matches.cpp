@@ -69,6 +69,9 @@ Features find_features(const cv::Mat& image, std::size_t limit) {
   const cv::Ptr<cv::SIFT> sift = cv::SIFT::create(int(limit), 3, kContrast);
   std::vector<cv::KeyPoint> points;
   sift->detect(grey, points);
+  std::stable_sort(points.begin(), points.end(), [](const cv::KeyPoint& a, const cv::KeyPoint& b) {
+    return a.response > b.response;
+  });
   if (points.size() > limit) points.resize(limit);  // it keeps all of equal contrast
   Features out;
   sift->compute(grey, points, out.descriptors);

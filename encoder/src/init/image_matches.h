@@ -24,7 +24,7 @@ struct Features {
   cv::Mat descriptors;  // one row per point
 };
 
-// Finds at most `limit` features of an 8-bit RGB image.
+// Finds at most `limit` features of an 8-bit RGB image, those of most contrast first.
 Features find_features(const cv::Mat& image, std::size_t limit);
 
 // Returns the indices (in a, in b) of features that match clearly, in both directions.

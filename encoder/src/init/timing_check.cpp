@@ -46,7 +46,9 @@ Result<Features> moving_features(const PreparedCapture& capture, const View& vie
   Features out;
   for (std::size_t i = 0; i < all.points.size() && out.points.size() < kMaxMoving; ++i) {
     const cv::Point2d p = all.points[i] + cv::Point2d(box.tl());
-    if (mask.at<std::uint8_t>(cv::Point(p)) == 0) continue;
+    const cv::Point pixel(static_cast<int>(p.x), static_cast<int>(p.y));
+    if (!cv::Rect({0, 0}, mask.size()).contains(pixel) || mask.at<std::uint8_t>(pixel) == 0)
+      continue;
     out.points.push_back(p);
     out.descriptors.push_back(all.descriptors.row(static_cast<int>(i)));
   }
@@ -137,7 +139,7 @@ Status check_timing(const PreparedCapture& capture, const std::vector<View>& vie
   for (const int time : times) STGS_TRY(count_pairs(capture, views, time, work, &pairs));
   // One by one, because a late camera makes its partners look early. Most are in time.
   std::vector<int> delays(views.size(), 0);
-  while (2 * out->size() < views.size()) {
+  while (2 * (out->size() + 1) < views.size()) {
     const LateCamera late = find_latest(pairs, delays);
     if (late.frames == 0) break;
     delays[late.view] = late.frames;

@@ -55,10 +55,11 @@ double scene_distance(const PreparedCapture& capture, const Camera& camera) {
   return distance(rig_pose(camera).centre, capture.scene_centre);
 }
 
+// Returns the median, of an even number the mean of the two in the middle.
 double middle_of(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
+  std::sort(values.begin(), values.end());
+  const std::size_t half = values.size() / 2;
+  return values.size() % 2 != 0 ? values[half] : 0.5 * (values[half - 1] + values[half]);
 }
 
 using Vector = std::array<double, 3>;
@@ -229,10 +230,9 @@ void add_camera_gradient(TrainState& state, std::size_t camera, const math::Came
 
 namespace {
 
-// Most cameras are right, so that what most of them do is not a correction. Two have no majority.
+// Most cameras are right, so that a motion of most of them is not a correction.
 void undo_common_motion(const PreparedCapture& capture, const std::vector<Camera>& cameras,
                         std::vector<CameraCorrection>& corrections) {
-  if (cameras.size() < 3) return;
   const CommonMotion common = common_motion(capture, cameras, corrections);
   for (std::size_t c = 0; c < cameras.size(); ++c)
     remove_motion(capture, cameras[c], common, corrections[c]);

@@ -188,6 +188,26 @@ bool is_consistent(const CompactionState& compaction, std::size_t n) {
                      [tiers](std::uint8_t tier) { return tier < tiers; });
 }
 
+// Returns whether the corrections of the cameras are small, and their steps possible.
+bool are_usable(const TrainState& state) {
+  constexpr float kMaxCorrection = 1e6f, kMaxLogFocal = 1;
+  const auto within = [](const std::vector<CameraCorrection>& all, float least, float most) {
+    return std::all_of(all.begin(), all.end(), [&](const CameraCorrection& values) {
+      return std::all_of(values.begin(), values.end(),
+                         [&](float v) { return v >= least && v <= most; });
+    });
+  };
+  const float most = std::numeric_limits<float>::max();
+  return within(state.cameras, -kMaxCorrection, kMaxCorrection) &&
+         std::all_of(
+             state.cameras.begin(), state.cameras.end(),
+             [](const CameraCorrection& c) { return std::abs(c.back()) <= kMaxLogFocal; }) &&
+         within(state.cameras_first, -most, most) && within(state.cameras_second, 0, most) &&
+         within(state.camera_sums, -most, most) &&
+         std::all_of(state.camera_updates.begin(), state.camera_updates.end(),
+                     [&](std::uint32_t updates) { return updates <= state.iteration; });
+}
+
 // Returns whether all arrays agree on N and on the number of cameras.
 bool is_consistent(const TrainState& state) {
   const std::size_t n = state.size();
@@ -202,7 +222,8 @@ bool is_consistent(const TrainState& state) {
   const std::size_t cameras = state.colour.size(), refined = state.cameras.size();
   same = same && (refined == 0 || refined == cameras) && state.cameras_first.size() == refined &&
          state.cameras_second.size() == refined && state.camera_updates.size() == refined &&
-         state.camera_sums.size() == refined && state.camera_views.size() == refined;
+         state.camera_sums.size() == refined && state.camera_views.size() == refined &&
+         are_usable(state);
   return same && state.updates.size() == n && state.statistics.gradient_sum.size() == n &&
          state.statistics.abs_gradient_sum.size() == n && state.statistics.error_max.size() == n &&
          state.statistics.views.size() == n && state.colour_first.size() == cameras &&
@@ -222,9 +243,10 @@ Status write_checkpoint(const std::string& path, const TrainState& state,
 }
 
 Status check_state(const std::string& path, const TrainState& state, const PreparedCapture& capture,
-                   int sh_degree, bool coupled) {
+                   int sh_degree, bool coupled, bool refined) {
   if (state.colour.size() == capture.training_cameras().size() &&
       state.set.sh_degree == sh_degree && state.is_coupled() == coupled &&
+      state.cameras.empty() == !refined &&
       state.iteration <= static_cast<std::uint64_t>(std::numeric_limits<int>::max())) {
     return {};
   }

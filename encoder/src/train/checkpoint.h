@@ -30,7 +30,7 @@ Result<Checkpoint> read_checkpoint(const std::string& path);
 // checkpoint. `coupled`: TrainState::is_coupled() of the run. kInvalidFile if it
 // does not. `path` is the checkpoint's, for the message.
 Status check_state(const std::string& path, const TrainState& state, const PreparedCapture& capture,
-                   int sh_degree, bool coupled);
+                   int sh_degree, bool coupled, bool refined);
 
 // Returns a hash of all state that a checkpoint stores.
 std::uint64_t state_hash(const TrainState& state);

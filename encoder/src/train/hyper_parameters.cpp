@@ -62,8 +62,10 @@ struct HyperParameterTable {
     STGS_VISIT(
         visit, camera_pull, kMin, kMax,
         "Refined cameras: fraction of a correction that each step takes back, over the rate");
-    STGS_VISIT(visit, batch_rate, kMin, kMax,
-               "A step over R views multiplies all rates except lr_colour by R to this power");
+    STGS_VISIT(
+        visit, batch_rate, kMin, kMax,
+        "A step over R views multiplies all rates except lr_colour and lr_camera by R to this "
+        "power");
     STGS_VISIT(visit, batch_memory, kMin, kMax,
                "A step over R views raises Adam's decay factors to R to this power");
     STGS_VISIT(visit, sh_degree, 0, 3, "SH degree");

@@ -75,7 +75,7 @@ Status Trainer::prepare_state() {
       log_(1, fmt::format("held-out views will not be evaluated: {}", held_out.status().message()));
     }
   }
-  prepare_cameras();
+  STGS_TRY(prepare_cameras());
   evaluations_done_ = evaluations_due();
   return {};
 }
@@ -217,6 +217,13 @@ Status Trainer::read_steps() {
     }
     last_ = output;
     if (output.camera) {
+      const math::Vec3 r = output.camera->rotation, t = output.camera->translation;
+      if (!std::isfinite(r.x + r.y + r.z + t.x + t.y + t.z + output.camera->log_focal)) {
+        return runtime_error(
+            "training diverged at iteration {}: the gradient of a camera is not "
+            "finite; train without --refine-cameras",
+            steps_read_);
+      }
       const std::size_t view = order_.at(steps_read_ - 1);
       add_camera_gradient(state_, view / static_cast<std::size_t>(capture_.frames), *output.camera);
     }

@@ -43,7 +43,8 @@ class Trainer {
   Status prepare_state();
   // Chooses the priors of a sparse rig (rig.h), and logs them.
   Status prepare_priors();
-  void prepare_cameras();
+  // kUsage if cameras are to be refined, but too few are there.
+  Status prepare_cameras();
   Status resume();
   Status prepare_ranks();
   Status prepare_backend();

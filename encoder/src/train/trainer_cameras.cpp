@@ -2,6 +2,7 @@
 // When the cameras are refined.
 #include <cmath>
 
+#include "plural.h"
 #include "train/camera_refinement.h"
 #include "train/trainer.h"
 
@@ -11,15 +12,24 @@ namespace {
 constexpr double kRefineFrom = 0.05;        // progress: content is where it belongs, roughly
 constexpr std::uint64_t kViewsPerStep = 4;  // of a camera, on average
 constexpr double kLastRate = 0.01;          // of the first one
+constexpr std::size_t kMinCameras = 3;
 
 // A correction that is worth a warning, several times those of correct cameras.
 constexpr double kWrongPixels = 1;
 
 }  // namespace
 
-void Trainer::prepare_cameras() {
-  if (settings_.refine_cameras && state_.cameras.empty())
-    begin_refinement(capture_.training_cameras().size(), state_);
+Status Trainer::prepare_cameras() {
+  if (!settings_.refine_cameras || !state_.cameras.empty()) return {};
+  const std::size_t cameras = capture_.training_cameras().size();
+  if (cameras < kMinCameras) {
+    return usage_error(
+        "{}: --refine-cameras needs at least {} training cameras, of which most are calibrated "
+        "well, but there are {}; remove the option",
+        capture_.folder, kMinCameras, cameras);
+  }
+  begin_refinement(cameras, state_);
+  return {};
 }
 
 bool Trainer::refines_cameras() const {
@@ -55,8 +65,8 @@ void Trainer::report_cameras() const {
                         refined.camera.name, refined.pixels, refined.degrees, 100 * refined.shift,
                         100 * std::abs(refined.zoom - 1)));
   }
-  log_(2,
-       fmt::format("{} cameras were refined, on average by {:.2f} pixels", cameras.size(), pixels));
+  log_(2, fmt::format("{} refined, on average by {:.2f} pixels", plural(cameras.size(), "camera"),
+                      pixels));
 }
 
 }  // namespace stgs::encoder

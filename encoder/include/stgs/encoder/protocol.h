@@ -34,8 +34,8 @@ const Protocol* find_protocol(std::string_view name);
 // one. kUsage if the protocol has no such scale.
 Status apply_protocol(const Protocol& protocol, double scale, PrepareSettings& settings);
 
-// Checks that a capture was prepared by a protocol, and completely. kUsage states the command that
-// does that.
+// Checks that a capture, or the window of it that a scene shows, was prepared by a protocol, and
+// completely. kUsage states the command that does that; kInvalidFile if the capture was changed.
 Status check_protocol(const Protocol& protocol, const PreparedCapture& capture);
 
 }  // namespace stgs::encoder

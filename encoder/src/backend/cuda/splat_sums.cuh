@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the backward pass of a visible primitive begins with: its values, its pose at the time of
-// the view, and the gradients of its splat, summed over its instances.
+// The inputs of the backward pass of a visible primitive: its values, its pose at the time of the
+// view, and the gradients of its splat, summed over its instances.
 #pragma once
 
 #include "backend/cuda/device.cuh"

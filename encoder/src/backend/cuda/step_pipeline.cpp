@@ -58,8 +58,10 @@ std::size_t StepPipeline::bytes(std::size_t primitives, int width, int height,
   const std::size_t checkpoints = segments * kTile * kTile * sizeof(float4);
   const std::size_t with_planes =
       checkpoints + (primitives + 2 * pixels + instances) * sizeof(float4);
-  return checkpoints + segments * sizeof(uint2) + primitives * kPrimitive + pixels * kPixel +
-         instances * kInstance + items * (4 + 9) + (planes ? with_planes : 0);
+  const std::size_t block_sums =
+      (primitives / kUpdateBlock + 2) * (sizeof(double) + kCameraValues * sizeof(float));
+  return block_sums + checkpoints + segments * sizeof(uint2) + primitives * kPrimitive +
+         pixels * kPixel + instances * kInstance + items * (4 + 9) + (planes ? with_planes : 0);
 }
 
 Status StepPipeline::create(cudaStream_t stream) {
