@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "init/epipolar.h"
+#include "median.h"
 
 namespace stgs::encoder::init {
 namespace {
@@ -21,13 +22,6 @@ constexpr int kMinKnown = 8;        // matches of known depth
 // so small an error, and a given error that is large or matches behind the cameras.
 constexpr double kExplainedShare = 0.7, kExplainedError = 1, kLargeError = 5;
 constexpr std::size_t kMinPairsOfAll = 6, kMinPairsOfOne = 3;
-
-double median_of(std::vector<double> values) {
-  if (values.empty()) return 0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 View with_pose(View view, const cv::Matx33d& rotation, const cv::Vec3d& translation) {
   view.rotation = rotation;
@@ -139,7 +133,7 @@ Agreement agreement_of(const View& a, const View& b, const PairMatches& pair) {
   std::vector<double> distances;
   for (std::size_t i = 0; i < pair.in_a.size(); ++i)
     distances.push_back(epipolar_distance(f, pair.in_a[i], pair.in_b[i]));
-  return {median_of(std::move(distances)), is_in_front(a, b, pair)};
+  return {median_value(std::move(distances)), is_in_front(a, b, pair)};
 }
 
 using Pairs = std::vector<PairMatches>;
@@ -154,7 +148,7 @@ std::vector<Agreement> agreements_of(const std::vector<View>& views, const Pairs
 double median_error(const std::vector<Agreement>& agreements) {
   std::vector<double> errors;
   for (const Agreement& one : agreements) errors.push_back(one.error);
-  return median_of(std::move(errors));
+  return median_value(std::move(errors));
 }
 
 double share_of_good(const std::vector<Agreement>& agreements) {

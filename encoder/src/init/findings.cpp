@@ -7,6 +7,7 @@
 #include <set>
 #include <utility>
 
+#include "median.h"
 #include "plural.h"
 #include "train/rig.h"
 
@@ -21,12 +22,6 @@ constexpr double kBlurRatio = 0.5;       // of the gradients of the other camera
 constexpr std::size_t kMinSamples = 60;  // points that a camera shares with two others
 constexpr std::size_t kMaxPoints = 5000;
 constexpr double kSameDepth = 0.03;  // relative
-
-double median_of(std::vector<double> values) {
-  const auto middle = values.begin() + std::ptrdiff_t(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 // The check of the calibration has logged its result.
 void find_calibration(const std::vector<View>& views, const CalibrationCheck& calibration,
@@ -169,13 +164,13 @@ void find_photometry(const std::vector<Surface>& surfaces, const std::vector<Sur
   for (std::size_t i = 0; i < surfaces.size(); ++i) {
     if (brightness[i].size() < kMinSamples) continue;
     const std::string& name = surfaces[i].view.camera->name;
-    if (const double stops = median_of(brightness[i]); std::abs(stops) > kExposureStops) {
+    if (const double stops = median_value(brightness[i]); std::abs(stops) > kExposureStops) {
       findings->push_back({fmt::format("camera '{}' is {:.1f} stops {} than the others", name,
                                        std::abs(stops), stops > 0 ? "brighter" : "darker"),
                            "lock exposure, gain and white balance to the same values; training "
                            "corrects a constant difference"});
     }
-    if (median_of(gradient[i]) < std::log2(kBlurRatio)) {
+    if (median_value(gradient[i]) < std::log2(kBlurRatio)) {
       findings->push_back({fmt::format("camera '{}' is less sharp than the others", name),
                            "check its focus and shutter time"});
     }

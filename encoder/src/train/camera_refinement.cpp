@@ -6,6 +6,7 @@
 #include <numbers>
 #include <utility>
 
+#include "median.h"
 #include "train/adam.h"
 #include "train/rig.h"
 
@@ -55,13 +56,6 @@ double scene_distance(const PreparedCapture& capture, const Camera& camera) {
   return distance(rig_pose(camera).centre, capture.scene_centre);
 }
 
-// Returns the median, of an even number the mean of the two in the middle.
-double middle_of(std::vector<double> values) {
-  std::sort(values.begin(), values.end());
-  const std::size_t half = values.size() / 2;
-  return values.size() % 2 != 0 ? values[half] : 0.5 * (values[half - 1] + values[half]);
-}
-
 using Vector = std::array<double, 3>;
 
 Vector cross(const Vector& a, const Vector& b) {
@@ -69,12 +63,12 @@ Vector cross(const Vector& a, const Vector& b) {
 }
 
 // Returns the medians of the coordinates.
-Vector middle_of(const std::vector<Vector>& vectors) {
+Vector medians_of(const std::vector<Vector>& vectors) {
   Vector out;
   for (std::size_t k = 0; k < 3; ++k) {
     std::vector<double> values;
     for (const Vector& v : vectors) values.push_back(v[k]);
-    out[k] = middle_of(std::move(values));
+    out[k] = median_value(std::move(values));
   }
   return out;
 }
@@ -107,8 +101,8 @@ CommonMotion common_motion(const PreparedCapture& capture, const std::vector<Cam
     turns.push_back(turn);
     zooms.push_back(w[kFocal]);
   }
-  common.turn = middle_of(turns);
-  common.log_focal = middle_of(std::move(zooms));
+  common.turn = medians_of(turns);
+  common.log_focal = median_value(std::move(zooms));
   for (std::size_t c = 0; c < cameras.size(); ++c) {
     const Vector from = position_of(cameras[c], capture);
     const Vector to = position_of(corrected(cameras[c], corrections[c]), capture);
@@ -116,7 +110,7 @@ CommonMotion common_motion(const PreparedCapture& capture, const std::vector<Cam
     shifts.push_back(
         {to[0] - from[0] - turned[0], to[1] - from[1] - turned[1], to[2] - from[2] - turned[2]});
   }
-  common.shift = middle_of(shifts);
+  common.shift = medians_of(shifts);
   for (std::size_t c = 0; c < cameras.size(); ++c) {
     const Vector from = position_of(cameras[c], capture);
     double along = 0, square = 0;
@@ -126,7 +120,7 @@ CommonMotion common_motion(const PreparedCapture& capture, const std::vector<Cam
     }
     growths.push_back(square > 0 ? along / square : 0);
   }
-  common.growth = middle_of(std::move(growths));
+  common.growth = median_value(std::move(growths));
   return common;
 }
 
