@@ -61,7 +61,8 @@ struct HyperParameterTable {
                "radians");
     STGS_VISIT(
         visit, camera_pull, kMin, kMax,
-        "Refined cameras: fraction of a correction that each step takes back, over the rate");
+        "Refined cameras: length by which each step shortens a correction, over the rate; from 1 "
+        "on, none is made");
     STGS_VISIT(
         visit, batch_rate, kMin, kMax,
         "A step over R views multiplies all rates except lr_colour and lr_camera by R to this "

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// When the cameras are refined.
+// The schedule of the refinement of the cameras, and its result in the log.
 #include <cmath>
 
 #include "plural.h"
@@ -9,7 +9,7 @@
 namespace stgs::encoder {
 namespace {
 
-constexpr double kRefineFrom = 0.05;        // progress: content is where it belongs, roughly
+constexpr double kRefineFrom = 0.05;        // progress at which content is roughly in its place
 constexpr std::uint64_t kViewsPerStep = 4;  // of a camera, on average
 constexpr double kLastRate = 0.01;          // of the first one
 constexpr std::size_t kMinCameras = 3;
