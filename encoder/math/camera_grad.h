@@ -16,8 +16,8 @@ struct CameraGrad {
   float log_focal;
 };
 
-// Adds the gradient through project_gaussian's mean and conic and through the direction of view, on
-// which the colour depends. `by`: the result of project_gaussian_grad for the same inputs.
+// Returns the gradient through project_gaussian's mean and conic and through the direction of view,
+// on which the colour depends. `by`: the result of project_gaussian_grad for the same inputs.
 // `by_direction`: gradient of the position through the colour, world space.
 STGS_FN CameraGrad project_gaussian_camera_grad(PinholeCamera camera, Vec3 mean, Sym3 covariance,
                                                 Sym2 conic, Vec2 grad_mean, Sym2 grad_conic,
@@ -29,7 +29,7 @@ STGS_FN CameraGrad project_gaussian_camera_grad(PinholeCamera camera, Vec3 mean,
   Vec3 sv = sym3_mul(covariance, j.v);
   Vec3 by_c = mat3_mul(camera.rotation, by.position);
   // Turning the camera turns mean and covariance S around it: dS = [w] S - S [w], so that the
-  // gradient is the skew part of A = G S, with the full symmetric gradient 2 G.
+  // gradient is the skew part of 2 G S, where G is the full symmetric gradient of S.
   Sym3 g;
   g.xx = 2.0f * by.covariance.xx;
   g.xy = by.covariance.xy;

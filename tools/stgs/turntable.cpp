@@ -2,14 +2,14 @@
 #include "turntable.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <numbers>
+
+#include "camera_axes.h"
 
 namespace stgs::tools {
 namespace {
 
-using Vector = std::array<double, 3>;
 constexpr double kTurn = 2 * std::numbers::pi;
 
 // A rig whose largest gap between neighbours is smaller stands all around the scene.
@@ -20,19 +20,9 @@ constexpr double kMinWindow = 0.05;  // radians
 
 constexpr int kIterations = 200;  // of the search for the vertical
 
-double dot(const Vector& a, const Vector& b) {
-  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-Vector cross(const Vector& a, const Vector& b) {
-  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-}
-
-// `fallback` for a vector without direction.
-Vector unit(const Vector& v, const Vector& fallback) {
-  const double length = std::sqrt(dot(v, v));
-  if (!(length > 1e-12)) return fallback;
-  return {v[0] / length, v[1] / length, v[2] / length};
+// The direction of a vector, or `otherwise` for one without.
+Vector3 direction_of(const Vector3& v, const Vector3& otherwise) {
+  return length(v) > 1e-12 ? unit(v) : otherwise;
 }
 
 // A camera as seen from the centre of the scene, radians and scene units.
@@ -55,63 +45,40 @@ class Path {
   encoder::Camera at(double share) const {
     const double swing = whole_ ? kTurn * share : 0.5 * arc_ * std::sin(kTurn * share);
     const Station station = near(middle_ + swing);
-    const double c = std::cos(station.elevation);
-    Vector to;  // from the centre to the camera
-    for (std::size_t k = 0; k < 3; ++k) {
-      to[k] = c * (std::cos(station.azimuth) * ahead_[k] + std::sin(station.azimuth) * side_[k]) +
-              std::sin(station.elevation) * up_[k];
-    }
-    return looking(to, station.distance);
+    const Vector3 flat = std::cos(station.azimuth) * ahead_ + std::sin(station.azimuth) * side_;
+    const Vector3 to_camera =
+        std::cos(station.elevation) * flat + std::sin(station.elevation) * up_;
+    return looking(to_camera, station.distance);
   }
 
  private:
-  static Vector row(const encoder::Camera& camera, int r) {
-    return {camera.rotation[3 * r], camera.rotation[3 * r + 1], camera.rotation[3 * r + 2]};
-  }
-
-  Vector from_centre(const encoder::Camera& camera) const {
-    Vector v;
-    for (std::size_t k = 0; k < 3; ++k) {
-      double position = 0;
-      for (std::size_t r = 0; r < 3; ++r)
-        position -= camera.rotation[3 * r + k] * camera.translation[r];
-      v[k] = position - centre_[k];
-    }
-    return v;
-  }
-
   // The vertical is across the rows of all images, because cameras stand upright but look up or
   // down; where that leaves a choice, it is near the columns of the images, with which the search
   // begins. Ahead is towards the first camera.
   void find_axes() {
-    Vector columns{};
-    for (const encoder::Camera& camera : cameras_) {
-      for (std::size_t k = 0; k < 3; ++k) columns[k] -= row(camera, 1)[k];
-    }
-    const Vector mean = unit(columns, {0, -1, 0});
-    const auto count = static_cast<double>(cameras_.size());
+    Vector3 columns{};
+    for (const encoder::Camera& camera : cameras_) columns = columns - axis_of(camera, 1);
+    const Vector3 mean = direction_of(columns, {0, -1, 0});
     up_ = mean;
     for (int i = 0; i < kIterations; ++i) {  // power iteration for the smallest eigenvalue
-      Vector next;
-      for (std::size_t k = 0; k < 3; ++k) {
-        next[k] = count * up_[k];
-        for (const encoder::Camera& camera : cameras_)
-          next[k] -= dot(row(camera, 0), up_) * row(camera, 0)[k];
+      Vector3 next = static_cast<double>(cameras_.size()) * up_;
+      for (const encoder::Camera& camera : cameras_) {
+        const Vector3 row = axis_of(camera, 0);
+        next = next - dot(row, up_) * row;
       }
-      up_ = unit(next, mean);
+      up_ = direction_of(next, mean);
     }
-    const Vector to = from_centre(cameras_.front());
-    Vector flat;
-    for (std::size_t k = 0; k < 3; ++k) flat[k] = to[k] - dot(to, up_) * up_[k];
-    const Vector other = std::abs(up_[0]) < 0.9 ? Vector{1, 0, 0} : Vector{0, 0, 1};
-    ahead_ = unit(flat, unit(cross(up_, other), {0, 0, 1}));
+    const Vector3 to_first = position_of(cameras_.front()) - centre_;
+    const Vector3 other = std::abs(up_.x) < 0.9 ? Vector3{1, 0, 0} : Vector3{0, 0, 1};
+    ahead_ = direction_of(to_first - dot(to_first, up_) * up_,
+                          direction_of(cross(up_, other), {0, 0, 1}));
     side_ = cross(up_, ahead_);
   }
 
   Station station_of(const encoder::Camera& camera) const {
-    const Vector v = from_centre(camera);
+    const Vector3 v = position_of(camera) - centre_;
     const double height = dot(v, up_), x = dot(v, ahead_), y = dot(v, side_);
-    return {std::atan2(y, x), std::atan2(height, std::hypot(x, y)), std::sqrt(dot(v, v))};
+    return {std::atan2(y, x), std::atan2(height, std::hypot(x, y)), length(v)};
   }
 
   // The arc is the turn without the largest gap between neighbours.
@@ -145,21 +112,23 @@ class Path {
     return mean;
   }
 
-  encoder::Camera looking(const Vector& to, double distance) const {
+  encoder::Camera looking(const Vector3& to_camera, double distance) const {
     encoder::Camera camera = cameras_.front();
-    const Vector z = {-to[0], -to[1], -to[2]};
-    const Vector x = unit(cross(z, up_), side_), y = cross(z, x);
-    const Vector* axes[3] = {&x, &y, &z};
+    const Vector3 z = -1 * to_camera;
+    const Vector3 x = direction_of(cross(z, up_), side_), y = cross(z, x);
+    const Vector3 position = centre_ + distance * to_camera;
+    const Vector3* axes[3] = {&x, &y, &z};
     for (std::size_t r = 0; r < 3; ++r) {
-      std::copy_n(axes[r]->begin(), 3, camera.rotation + 3 * r);
-      camera.translation[r] = -dot(*axes[r], centre_) - distance * dot(*axes[r], to);
+      const double row[3] = {axes[r]->x, axes[r]->y, axes[r]->z};
+      std::copy_n(row, 3, camera.rotation + 3 * r);
+      camera.translation[r] = -dot(*axes[r], position);
     }
     return camera;
   }
 
   std::vector<encoder::Camera> cameras_;
   std::vector<Station> stations_;  // by azimuth
-  Vector centre_, up_{}, ahead_{}, side_{};
+  Vector3 centre_, up_{}, ahead_{}, side_{};
   double middle_ = 0, arc_ = 0;
   bool whole_ = false;
 };

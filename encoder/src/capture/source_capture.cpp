@@ -292,9 +292,10 @@ Result<SourceCapture> load_checked(const std::shared_ptr<const CaptureFolder>& f
   const bool own_split = settings.default_test_cameras && settings.test_cameras.empty();
   if (!settings.protocol.empty()) {
     const Protocol* protocol = find_protocol(settings.protocol);
-    if (protocol == nullptr || !own_split) {
-      return usage_error("protocol '{}': unknown, or together with test cameras",
-                         settings.protocol);
+    if (protocol == nullptr) return usage_error("unknown protocol '{}'", settings.protocol);
+    if (!own_split) {
+      return usage_error("protocol {} has a test camera of its own; name no others",
+                         protocol->name);
     }
     STGS_TRY(choose_test_camera(*capture, *protocol));
   } else if (own_split) {

@@ -19,8 +19,8 @@ constexpr int kTimes = 2;                   // at which frames are compared, spr
 constexpr std::size_t kMaxMoving = 400;     // of the moving content of a frame
 constexpr int kMargin = 24;                 // around it, pixels, because features have a size
 constexpr double kOnLine = 1;               // pixels
-// A camera is late if so many matches are on their lines at a delay, so many times those without
-// it, and at least so many of its pairs agree.
+// Least evidence of a late camera: matches on their lines at a delay, the ratio to those without a
+// delay, and pairs of views that agree.
 constexpr int kMinOnLine = 24;
 constexpr double kMinRatio = 1.6;
 constexpr int kMinAgreeing = 2;
@@ -90,7 +90,7 @@ Votes votes_of(int view, const std::vector<PairCounts>& pairs, const std::vector
   Votes votes;
   for (const PairCounts& pair : pairs) {
     if (pair.a != view && pair.b != view) continue;
-    // A view a that is late by x shows in frame t what b, late by y, shows in frame t - x + y.
+    // Frame t of a view that is late by x has the time of frame t - x + y of one late by y.
     const auto at = [&](int delay) {
       const int x = pair.a == view ? delay : delays[pair.a];
       const int y = pair.b == view ? delay : delays[pair.b];

@@ -9,7 +9,7 @@
 
 namespace stgs::encoder::init {
 
-// A camera that shows in frame f what the others show in frame f - frames.
+// A camera whose frame f was taken at the time of frame f - frames of the others.
 struct LateCamera {
   int view = 0;
   int frames = 0;  // negative: it is ahead of the others

@@ -43,7 +43,7 @@ class Trainer {
   Status prepare_state();
   // Chooses the priors of a sparse rig (rig.h), and logs them.
   Status prepare_priors();
-  // kUsage if cameras are to be refined, but too few are there.
+  // kUsage if there are too few cameras to refine.
   Status prepare_cameras();
   Status resume();
   Status prepare_ranks();

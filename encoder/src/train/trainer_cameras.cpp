@@ -60,8 +60,9 @@ void Trainer::report_cameras() const {
     pixels += refined.pixels / static_cast<double>(cameras.size());
     if (refined.pixels < kWrongPixels) continue;
     log_(1, fmt::format("camera '{}': its calibration was wrong by {:.1f} pixels ({:.2f} degrees, "
-                        "{:.2f} % of its distance to the scene, {:.2f} % of its focal length); it "
-                        "was prepared with that: calibrate it again, or check whether it has moved",
+                        "{:.2f} % of its distance to the scene, {:.2f} % of its focal length); the "
+                        "capture was prepared with it: calibrate the camera again, or check "
+                        "whether it has moved",
                         refined.camera.name, refined.pixels, refined.degrees, 100 * refined.shift,
                         100 * std::abs(refined.zoom - 1)));
   }

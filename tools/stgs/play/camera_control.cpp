@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "camera_axes.h"
+
 namespace stgs::tools {
 namespace {
 
@@ -22,19 +24,6 @@ Vector3 centre(const stgs_scene_info& scene) {
 
 double diagonal(const stgs_scene_info& scene) {
   return length(vector_of(scene.bounds_max) - vector_of(scene.bounds_min));
-}
-
-Vector3 axis_of(const encoder::Camera& camera, int row) {
-  const double* r = camera.rotation + 3 * row;
-  return {r[0], r[1], r[2]};
-}
-
-Vector3 position_of(const encoder::Camera& camera) {
-  Vector3 position;
-  for (int row = 0; row < 3; ++row) {
-    position = position - camera.translation[row] * axis_of(camera, row);
-  }
-  return position;
 }
 
 void set_pose(encoder::Camera& camera, const Vector3 (&axes)[3], const Vector3& position) {

@@ -3,8 +3,8 @@
 #pragma once
 
 #include "camera_file.h"
-#include "play/vector.h"
 #include "stgs/stgs.h"
+#include "vector.h"
 
 namespace stgs::tools {
 

@@ -106,7 +106,7 @@ struct RefinedCamera {
   double degrees = 0;  // angle between the orientations
   double shift = 0;    // distance between the positions, over that to the centre of the scene
   double zoom = 1;     // factor of the focal lengths
-  double pixels = 0;   // by which content around the centre of the scene moves in its image, rms
+  double pixels = 0;   // displacement of content around the centre of the scene, rms
 };
 
 struct TrainReport {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Vectors of the viewer's camera, in double precision.
+// Vectors of the cameras of viewers and videos, in double precision.
 #pragma once
 
 #include <cmath>
