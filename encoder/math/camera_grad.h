@@ -16,17 +16,21 @@ struct CameraGrad {
   float log_focal;
 };
 
-// Returns the gradient through project_gaussian's mean and conic and through the direction of view,
-// on which the colour depends. `by`: the result of project_gaussian_grad for the same inputs.
+// Returns the gradient through project_gaussian and through the direction of view, on which the
+// colour depends. `by`: the result of project_gaussian_grad for the same inputs.
 // `by_direction`: gradient of the position through the colour, world space.
 STGS_FN CameraGrad project_gaussian_camera_grad(PinholeCamera camera, Vec3 mean, Sym3 covariance,
-                                                Sym2 conic, Vec2 grad_mean, Sym2 grad_conic,
-                                                ProjectionGrad by, Vec3 by_direction) {
+                                                Sym2 conic, SplatShapeGrad grad, ProjectionGrad by,
+                                                Vec3 by_direction) {
   Vec3 c = to_camera(camera, mean);
   ProjectionRows j = projection_rows(camera, c);
-  Sym2 d = inverse_grad(conic, grad_conic);
   Vec3 su = sym3_mul(covariance, j.u);
   Vec3 sv = sym3_mul(covariance, j.v);
+  Sym2 sharp;
+  sharp.xx = dot3(j.u, su);
+  sharp.xy = dot3(j.u, sv);
+  sharp.yy = dot3(j.v, sv);
+  Sym2 d = screen_covariance_grad(sharp, conic, grad);
   Vec3 by_c = mat3_mul(camera.rotation, by.position);
   // Turning the camera turns mean and covariance S around it: dS = [w] S - S [w], so that the
   // gradient is the skew part of 2 G S, where G is the full symmetric gradient of S.
@@ -45,8 +49,8 @@ STGS_FN CameraGrad project_gaussian_camera_grad(PinholeCamera camera, Vec3 mean,
   out.rotation = vec3_add(cross3(c, by_c), turn);
   out.translation = vec3_add(by_c, mat3_mul(camera.rotation, by_direction));
   float iz = 1.0f / c.z;
-  out.log_focal = grad_mean.x * camera.fx * c.x * iz + grad_mean.y * camera.fy * c.y * iz +
-                  2.0f * (d.xx * dot3(j.u, su) + d.xy * dot3(j.u, sv) + d.yy * dot3(j.v, sv));
+  out.log_focal = grad.mean.x * camera.fx * c.x * iz + grad.mean.y * camera.fy * c.y * iz +
+                  2.0f * (d.xx * sharp.xx + d.xy * sharp.xy + d.yy * sharp.yy);
   return out;
 }
 

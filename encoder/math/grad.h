@@ -156,20 +156,43 @@ struct ProjectionGrad {
   Sym3 covariance;  // of the world covariance
 };
 
-// Backward of project_gaussian's mean and conic, for a Gaussian that it reported visible.
+// Gradients of the results of project_gaussian.
+struct SplatShapeGrad {
+  Vec2 mean;
+  Sym2 conic;
+  float log_coverage;  // of ln(coverage)
+};
+
+// Backward of the conic and the coverage to the screen covariance. `sharp`: the screen covariance
+// without kScreenBlur, not singular if the coverage has a gradient.
+STGS_FN Sym2 screen_covariance_grad(Sym2 sharp, Sym2 conic, SplatShapeGrad grad) {
+  Sym2 d = inverse_grad(conic, grad.conic);
+  if (grad.log_coverage == 0.0f) return d;
+  float half_inverse = 0.5f / (sharp.xx * sharp.yy - sharp.xy * sharp.xy);
+  d.xx += grad.log_coverage * (sharp.yy * half_inverse - 0.5f * conic.xx);
+  d.xy -= grad.log_coverage * (2.0f * sharp.xy * half_inverse + conic.xy);
+  d.yy += grad.log_coverage * (sharp.xx * half_inverse - 0.5f * conic.yy);
+  return d;
+}
+
+// Backward of project_gaussian for a Gaussian that it reported visible.
 STGS_FN ProjectionGrad project_gaussian_grad(PinholeCamera camera, Vec3 mean, Sym3 covariance,
-                                             Sym2 conic, Vec2 grad_mean, Sym2 grad_conic) {
+                                             Sym2 conic, SplatShapeGrad grad) {
   Vec3 c = to_camera(camera, mean);
   ProjectionRows j = projection_rows(camera, c);
-  Sym2 d = inverse_grad(conic, grad_conic);
   Vec3 su = sym3_mul(covariance, j.u);
   Vec3 sv = sym3_mul(covariance, j.v);
+  Sym2 sharp;
+  sharp.xx = dot3(j.u, su);
+  sharp.xy = dot3(j.u, sv);
+  sharp.yy = dot3(j.v, sv);
+  Sym2 d = screen_covariance_grad(sharp, conic, grad);
   Vec3 du = vec3_add(vec3_scale(su, 2.0f * d.xx), vec3_scale(sv, d.xy));
   Vec3 dv = vec3_add(vec3_scale(sv, 2.0f * d.yy), vec3_scale(su, d.xy));
   Vec3 by_c = projection_rows_grad(camera, c, du, dv);
   float iz = 1.0f / c.z;
-  float mx = grad_mean.x * camera.fx * iz;
-  float my = grad_mean.y * camera.fy * iz;
+  float mx = grad.mean.x * camera.fx * iz;
+  float my = grad.mean.y * camera.fy * iz;
   by_c = vec3_add(by_c, vec3_of(mx, my, -(mx * c.x + my * c.y) * iz));
   ProjectionGrad g;
   g.position = mat3_transpose_mul(camera.rotation, by_c);

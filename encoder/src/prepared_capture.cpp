@@ -240,6 +240,32 @@ Status write_prepared_capture(const PreparedCapture& capture) {
                                {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()});
 }
 
+namespace {
+
+bool mask_exists(const PreparedCapture& capture, const Camera& camera, int frame) {
+  const std::string path = capture.mask_path(camera, frame);
+  return capture.files ? capture.files->exists(path) : std::filesystem::exists(path);
+}
+
+Status hide_behind_masks(const PreparedCapture& capture, const Camera& camera, int frame,
+                         Image8& image) {
+  STGS_ASSIGN(const Image8 mask, load_mask(capture, camera, frame));
+  if (mask.data.empty()) {
+    return invalid_file(
+        "{}: frame {} of camera '{}' has no mask, which the foreground needs; put masks into the "
+        "folder masks of the capture and prepare it again",
+        capture.mask_path(camera, frame), frame, camera.name);
+  }
+  constexpr std::uint8_t kInside = 128;
+  for (std::size_t i = 0; i < mask.data.size(); ++i) {
+    if (mask.data[i] < kInside)
+      std::copy_n(capture.behind_masks->data(), 3, image.data.data() + 3 * i);
+  }
+  return {};
+}
+
+}  // namespace
+
 Result<Image8> load_frame(const PreparedCapture& capture, const Camera& camera, int frame) {
   const std::string path = capture.frame_path(camera, frame);
   STGS_ASSIGN(const std::unique_ptr<ByteSource> file, open_file_of(capture, path));
@@ -249,13 +275,17 @@ Result<Image8> load_frame(const PreparedCapture& capture, const Camera& camera, 
                         path, camera.name, frame, camera.width, camera.height, image.width,
                         image.height);
   }
+  if (capture.behind_masks) STGS_TRY(hide_behind_masks(capture, camera, frame, image));
   return image;
 }
 
+bool has_mask(const PreparedCapture& capture, const Camera& camera) {
+  return mask_exists(capture, camera, 0);
+}
+
 Result<Image8> load_mask(const PreparedCapture& capture, const Camera& camera, int frame) {
+  if (!mask_exists(capture, camera, frame)) return Image8{};
   const std::string path = capture.mask_path(camera, frame);
-  const bool exists = capture.files ? capture.files->exists(path) : std::filesystem::exists(path);
-  if (!exists) return Image8{};
   STGS_ASSIGN(const std::unique_ptr<ByteSource> file, open_file_of(capture, path));
   STGS_ASSIGN(Image8 mask, read_image8(*file, 1));
   if (mask.width != camera.width || mask.height != camera.height) {

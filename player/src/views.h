@@ -15,9 +15,14 @@
 
 namespace stgs::player {
 
-// Returns how the colours of a scene are encoded (math/colour.h).
-inline int encoding_of(const SceneMetadata& metadata) {
-  return math::colour_encoding(metadata.primaries, metadata.transfer);
+// How the primitives of a scene become pixels.
+struct Appearance {
+  int encoding = 0;  // of the colours (math/colour.h)
+  int kernel = 0;    // of the splats
+};
+
+inline Appearance appearance_of(const SceneMetadata& metadata) {
+  return {math::colour_encoding(metadata.primaries, metadata.transfer), metadata.kernel};
 }
 
 // Returns the memory of the images of a frame, bytes: colour, alpha and depth of all views, and

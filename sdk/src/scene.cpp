@@ -297,6 +297,7 @@ stgs_result stgs_scene_get_info(stgs_scene* scene, stgs_scene_info* info) {
     out.audio_begin_seconds = metadata.time_base.seconds(metadata.audio_begin);
     out.colour_primaries = metadata.primaries;
     out.transfer_function = metadata.transfer;
+    out.kernel = metadata.kernel == stgs::math::kBandLimited ? 1 : 0;
     stgs::sdk::copy_out(info, out);
     return {};
   });

@@ -45,7 +45,7 @@ def read_meta(payload):
     m = Meta((f.u32(), f.u32()), f.u32(), f.u8(), f.u8(), f.u8(), f.u8(), f.u16(), f.u8(), f.u8(),
              f.f32s(3), f.f32s(6), f.f32(), (f.u32(), f.u32()), f.f32s(16), f.text(205), f.text(205),
              f.f32(), f.f32s(3), f.f32s(3), f.text(205), f.f64())
-    need(all(v == 0 or v >= 128 for v in (m.kernel, m.sh)) and m.axes == 0, "4.2", 201,
+    need((m.kernel <= 1 or m.kernel >= 128) and (m.sh == 0 or m.sh >= 128) and m.axes == 0, "4.2", 201,
          f"kernel {m.kernel}, axes {m.axes}, SH {m.sh}")
     need(m.time_base[0] > 0 and m.time_base[1] > 0 and m.frames > 0, "4.2", 202, "a time base or duration of 0")
     need(m.degree <= 3, "4.2", 203, f"SH degree {m.degree}")
@@ -79,7 +79,7 @@ def determinant(a, b, c):
 
 def check_shown(m, reports):
     """Reports unknown numbers that are displayed as known ones (4.2, 4.4)."""
-    if m.kernel != 0 or m.sh != 0:
+    if m.kernel >= 128 or m.sh >= 128:
         reports.append(Refused("4.2", 201, f"kernel {m.kernel} and SH {m.sh} are displayed as 0"))
     if m.primaries not in (1, 9, 12) or m.transfer not in (1, 8, 13):
         reports.append(Refused("4.4", 208, f"colours {m.primaries}, {m.transfer} are displayed as BT.709, sRGB"))

@@ -23,7 +23,7 @@ class Info(CliTest):
         self.assertRegex(lines[2], r"^  primitives +400, SH degree \d, \S+ bytes each$")
         self.assertRegex(lines[3], r"^  segments +\d+ in \d tiers?, head \S+ k?B, decoder level \d$")
         self.assertRegex(lines[4], r"^  start camera +64x48, positions( \S+){3} to( \S+){3}$")
-        self.assertLess(len(lines), 8)
+        self.assertLess(len(lines), 9)
         self.assertNotIn("stream", "\n".join(lines))
 
     def test_missing_fields_are_shown_as_none(self):

@@ -2,15 +2,17 @@
 """Arguments that `stgs train`, `encode`, `evaluate` and `bench` reject before they write a file."""
 import json
 import os
+import pathlib
+import shutil
 import signal
 import struct
 import subprocess
 import unittest
 
 import harness
-from harness import CliTest, built_in
+from harness import CliTest, built_in, png
 
-USAGE, RUNTIME = 1, 4
+USAGE, INVALID, RUNTIME = 1, 3, 4
 
 
 class Capture(CliTest):
@@ -42,6 +44,32 @@ class Capture(CliTest):
     def test_a_camera_may_be_named_only_once(self):
         self.fails(USAGE, "camera 'a' is named twice", "evaluate", self.fixture("tiny.stgs"),
                    "--against", self.fixture("prepared"), "--cameras", "a,a")
+
+
+class Foreground(CliTest):
+    def test_a_scene_of_what_the_masks_show(self):
+        folder = self.copy_capture("capture")
+        capture = json.loads(pathlib.Path(folder, "capture.json").read_text(encoding="utf-8"))
+        train = ("train", folder, "-o", "a.stgs", "--iterations", "40", "--foreground")
+        shutil.rmtree(os.path.join(folder, "masks"), ignore_errors=True)
+        self.fails(INVALID, "frame 0 of camera '.*' has no mask, which the foreground needs", *train)
+        for camera in capture["cameras"]:
+            masks = pathlib.Path(folder, "masks", camera["name"])
+            masks.mkdir(parents=True)
+            width, height = camera["width"], camera["height"]
+            row = b"\0" + bytes(255 if x > width / 4 else 0 for x in range(width))
+            for frame in range(capture["frames"]):
+                (masks / f"{frame:06}.png").write_bytes(png(width, height, height * row, colours=0))
+        self.assertGreater(self.json_of(*train, "--report", "page")["held_out"]["images"], 0)
+        evaluate = ("evaluate", "a.stgs", "--against", folder)
+        alone = self.json_of(*evaluate, "--foreground", "--masks", os.path.join(folder, "masks"))
+        self.assertNotEqual(alone["psnr"], self.json_of(*evaluate)["psnr"])
+        self.assertGreater(alone["masked_pixels"], 0)
+        pack = ("pack", "a.stgs", "-o", "b.stgs")
+        self.json_of(*pack, "--against", folder, "--foreground")
+        self.fails(USAGE, "--foreground requires --against", *pack, "--foreground")
+        self.fails(USAGE, "seen_background=0 has no effect with --foreground", *train,
+                   "--set", "seen_background=0")
 
 
 class Refinement(CliTest):

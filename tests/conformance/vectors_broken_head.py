@@ -69,7 +69,7 @@ def metadata():
     longer = Meta(profile=0)
     longer.payload = lambda: good[:132] + struct.pack("<I", 1 << 31) + good[136:]
     must_fail("meta_long_text", "4.2", "a text of 2^31 bytes", plain(meta=longer))
-    for name, conventions in (("kernel_1", (1, 0, 0)), ("kernel_127", (127, 0, 0)), ("axes_1", (0, 1, 0)),
+    for name, conventions in (("kernel_2", (2, 0, 0)), ("kernel_127", (127, 0, 0)), ("axes_1", (0, 1, 0)),
                               ("axes_128", (0, 128, 0)), ("sh_1", (0, 0, 1)), ("sh_127", (0, 0, 127))):
         must_fail(name, "4.2", f"kernel, axes and SH are {conventions}", plain(meta=Meta(profile=0, conventions=conventions)))
     for name, about, more in (

@@ -38,6 +38,7 @@ def headers():
 
 
 def metadata():
+    vector("band_limited", "4.2", "kernel 1", plain(meta=Meta(profile=0, conventions=(1, 0, 0))))
     for name, conventions in (("shown_as_0", (128, 0, 255)), ("kernel_shown_as_0", (255, 0, 0)),
                               ("sh_shown_as_0", (0, 0, 128))):
         must_report(name, "4.2", f"kernel, axes and SH are {conventions}, displayed as 0",

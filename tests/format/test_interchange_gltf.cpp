@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Export to glTF, the table of interchange formats, and conversion errors.
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <nlohmann/json.hpp>
@@ -125,7 +126,7 @@ TEST_CASE("a written file is recognised by its content") {
   Gaussians4D set = testing::random_scene(5, 0, 6, 8).gaussians;
   for (const InterchangeFormat& format : interchange_formats()) {
     if (format.write == nullptr) continue;
-    const auto bytes = format.write(set, nullptr);
+    const auto bytes = format.write(set, math::kDilated, nullptr);
     REQUIRE(bytes.ok());
     for (const InterchangeFormat& other : interchange_formats()) {
       CHECK(other.matches("x", *bytes, {}) == (&other == &format));
@@ -194,6 +195,24 @@ TEST_CASE("conversion errors ignore permuted axes and the start of a straight pa
   CHECK(errors->radius_max == Approx(0.75));
 }
 
+TEST_CASE("a format that cannot state the kernel of the splats gets a note") {
+  Scene scene = testing::random_scene(5, 0, 6, 8);
+  scene.metadata.kernel = math::kBandLimited;
+  for (const InterchangeFormat& format : interchange_formats()) {
+    if (!format.is_writable()) continue;
+    ConversionNotes notes;
+    const auto bytes = format.write != nullptr
+                           ? format.write(scene.gaussians, math::kBandLimited, &notes)
+                           : format.write_scene(scene, {}, &notes, nullptr);
+    REQUIRE(bytes.ok());
+    const bool noted = std::any_of(notes.begin(), notes.end(), [](const std::string& note) {
+      return note.find("band-limited") != std::string::npos;
+    });
+    INFO(format.name);
+    CHECK(noted == (std::string(format.name) != "SPZ"));
+  }
+}
+
 TEST_CASE("a set that cannot be rendered is not written") {
   const Gaussians4D good = testing::random_scene(4, 1, 6, 8).gaussians;
   std::vector<Gaussians4D> bad(5, good);
@@ -204,9 +223,9 @@ TEST_CASE("a set that cannot be rendered is not written") {
   bad[4].sh_degree = 2;
   for (const InterchangeFormat& format : interchange_formats()) {
     if (format.write == nullptr) continue;
-    CHECK(format.write(good, nullptr).ok());
+    CHECK(format.write(good, math::kDilated, nullptr).ok());
     for (const Gaussians4D& set : bad) {
-      CHECK(format.write(set, nullptr).status().code() == StatusCode::kUsage);
+      CHECK(format.write(set, math::kDilated, nullptr).status().code() == StatusCode::kUsage);
     }
   }
 }

@@ -123,6 +123,16 @@ TEST_CASE("barely visible primitives stay visible after SPZ") {
   CHECK(snapshot_at(back, 0)->size() == snapshot_at(static_scene(set), 0)->size());
 }
 
+TEST_CASE("SPZ states whether splats are band-limited") {
+  for (const int kernel : {math::kDilated, math::kBandLimited}) {
+    ConversionNotes notes;
+    const Result<Scene> back = read(*write_spz(fixture_set(1), &notes, kernel), &notes);
+    REQUIRE(back.ok());
+    CHECK(back->metadata.kernel == kernel);
+    CHECK(notes.empty());
+  }
+}
+
 TEST_CASE("SPZ preserves far positions and rejects those out of range") {
   Gaussians4D set = fixture_set(0, 3);
   set.position[0] = 100000;

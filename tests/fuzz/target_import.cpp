@@ -218,7 +218,7 @@ void check_writer(const InterchangeFormat& format, const Scene& scene, const Gau
   require(format_for_output(std::string("a") + format.extension) != nullptr,
           "a format that can be written has an extension");
   if (format.write != nullptr) {
-    const auto bytes = format.write(set, &notes);
+    const auto bytes = format.write(set, scene.metadata.kernel, &notes);
     if (!bytes.ok()) return check_failure(bytes.status());
     if (format.read == nullptr) return;
     const auto again = format.read(*memory_source(*bytes, "output"), {}, &notes);

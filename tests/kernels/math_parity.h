@@ -33,6 +33,7 @@ struct ParityResult {
   float visibility;
   float opacity;
   float support;
+  float coverage;  // of the band-limited splat
   Sym3 covariance;
   Projection projection;
   Vec2 extent;
@@ -60,7 +61,9 @@ STGS_FN ParityResult evaluate_parity(ParityInput g) {
   r.support = support_half_width(r.opacity, g.sigma, g.radius, kAlphaThreshold);
   r.covariance = covariance_of(g.rotation,
                                vec3_of(exp(g.log_scale.x), exp(g.log_scale.y), exp(g.log_scale.z)));
-  r.projection = project_gaussian(g.camera, r.position, r.covariance);
+  r.projection = project_gaussian(g.camera, r.position, r.covariance, screen_blur(kDilated));
+  Projection band = project_gaussian(g.camera, r.position, r.covariance, screen_blur(kBandLimited));
+  r.coverage = splat_opacity(kBandLimited, 1.0f, band);
   float opacity_t = r.opacity * r.visibility;
   r.extent = splat_extent(r.projection.covariance, opacity_t, kAlphaThreshold);
   float shown = larger(opacity_t, kAlphaThreshold);

@@ -148,6 +148,11 @@ void compare_projection(const ParityInput& g, const ParityResult& e, const Parit
   const double conic_tolerance = 32 * eta * condition;  // relative to the conic's trace
   out->add("conic, 1/px^2", i, p.conic, a.projection.conic, conic_tolerance * conic_trace);
 
+  // Its square is 1 - (b tr V - b^2) / det V, with the rounding errors of V.
+  const double coverage_tolerance = 32 * eta * condition;
+  out->add("coverage^2", i, double{e.coverage} * e.coverage, double{a.coverage} * a.coverage,
+           coverage_tolerance);
+
   out->add("extent ln(O_t/o_th)", i, exponent_of(e.extent.x, std::sqrt(2.0 * p.covariance.xx)),
            exponent_of(a.extent.x, std::sqrt(2.0 * a.projection.covariance.xx)), 1e-4);
   compare_splat(g, e, a, i, conic_tolerance * conic_trace, 8 * eta * focal * slope, out);

@@ -232,6 +232,21 @@ TEST_CASE("scenes in other colour encodings match the CPU renderer") {
   }
 }
 
+TEST_CASE("band-limited splats of all sizes match the CPU renderer") {
+  const auto device = device_renderer();
+  for (const float smaller : {0.0f, 1.5f, 4.0f}) {  // factor of the size, as a logarithm
+    Scene scene = random_scene(4000, 1, kFrames, 33);
+    scene.metadata.kernel = math::kBandLimited;
+    for (float& log_scale : scene.gaussians.log_scale) log_scale -= smaller;
+    auto bytes = encode_scene(scene, {});
+    check(bytes.status());
+    auto reader = SceneReader::open(memory_source(std::move(*bytes)));
+    check(reader.status());
+    const auto timeline = Timeline::from_reader(std::move(*reader));
+    check_matches_cpu(*timeline, 1.3, {make_view(160, 90), make_view(320, 180)}, *device);
+  }
+}
+
 TEST_CASE("a large frame of many primitives matches the CPU renderer", "[large]") {
   const auto device = device_renderer();
   const auto timeline = make_timeline(random_scene(400000, 3, kFrames, 41), 0.5);

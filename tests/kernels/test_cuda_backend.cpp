@@ -37,7 +37,11 @@ TEST_CASE("one CUDA step has the losses, statistics and gradients of the CPU") {
     const std::vector<Image8> ground_truths = random_ground_truths(c, 1);
     TrainState cpu = initial_state(c), gpu = cpu;
     const auto reference = make_cpu_backend();
-    const auto with_camera = [](StepInput& input) { input.gather_camera = true; };
+    const auto with_camera = [&c](StepInput& input) {
+      input.gather_camera = true;
+      input.kernel = c.sh_degree % 2 == 0 ? math::kBandLimited : math::kDilated;
+      input.background_is_mapped = c.sh_degree % 2 == 1;
+    };
     const auto expected = run_steps(*reference, cpu, c, 1, ground_truths, with_camera);
     const auto found = run_steps(cuda_backend(), gpu, c, 1, ground_truths, with_camera);
     INFO(c.primitives << " primitives, " << c.width << "x" << c.height);
@@ -205,6 +209,29 @@ TEST_CASE("twenty CUDA steps reach the state of the CPU") {
     }
     CHECK(difference(flatten(cpu.colour), flatten(gpu.colour)) <= 1e-4);
   }
+}
+
+TEST_CASE("CUDA limits scales as the CPU does, for any number of cameras") {
+  const StepCase& c = kCases[0];
+  std::vector<math::PinholeCamera> cameras;
+  for (int k = 0; k < 70; ++k) {
+    math::PinholeCamera camera = scene_camera(c.width, c.height);
+    camera.translation.z += 0.1f * static_cast<float>(k % 35);
+    camera.cx += 4.0f * static_cast<float>(k - 35);
+    cameras.push_back(camera);
+  }
+  TrainState cpu = initial_state(c), gpu = cpu;
+  const FloatArray before = cpu.set.log_scale;
+  const auto reference = make_cpu_backend();
+  for (const auto& [backend, state] :
+       {std::pair{reference.get(), &cpu}, {static_cast<TrainBackend*>(&cuda_backend()), &gpu}}) {
+    check(backend->reserve({state->size(), state->set.sh_coefficients(), c.width, c.height}));
+    check(backend->begin(*state));
+    check(backend->limit_scales(cameras, 2.0f));
+    check(backend->synchronise());
+  }
+  CHECK(cpu.set.log_scale != before);
+  CHECK(difference(cpu.set.log_scale, gpu.set.log_scale) <= 1e-6);
 }
 
 TEST_CASE("steps with f = 1, a fixed radius or an empty state succeed") {

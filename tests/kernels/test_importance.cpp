@@ -22,7 +22,9 @@ Image red_of(const Gaussians4D& set, const ImportanceView& view) {
   SplatFrame frame;
   RasterOutput output;
   begin_frame(view.camera, frame);
-  slice(set, view.ticks, view.camera, {}, 0, frame);
+  RasterSettings settings;
+  settings.kernel = view.kernel;
+  slice(set, view.ticks, view.camera, settings, 0, frame);
   bin(frame);
   blend(frame, {}, output);
   return output.colour;
@@ -42,6 +44,7 @@ class FakeBackend final : public TrainBackend {
   Result<std::vector<StepOutput>> read() override { return std::vector<StepOutput>(); }
   Status synchronise() override { return {}; }
   std::size_t abandon() override { return 0; }
+  Status limit_scales(std::span<const math::PinholeCamera>, float) override { return {}; }
   Result<std::optional<std::vector<float>>> importance(
       std::span<const ImportanceView>, const std::function<bool(double)>&) override {
     return action_();
@@ -146,13 +149,14 @@ TEST_CASE("importance views use the training cameras, all frames and half size")
     capture.cameras[c].height = 60;
   }
   capture.cameras[1].test = true;
-  const std::vector<ImportanceView> views = importance_views(capture, 40);
+  const std::vector<ImportanceView> views = importance_views(capture, 40, math::kBandLimited);
   REQUIRE(views.size() == 40);
   std::set<float> times, widths;
   for (const ImportanceView& view : views) {
     times.insert(view.ticks);
     widths.insert(view.camera.width);
     CHECK(view.camera.height == 30.0f);
+    CHECK(view.kernel == math::kBandLimited);
   }
   CHECK(times.size() == 10);
   CHECK(*times.begin() == 0.0f);
@@ -160,5 +164,5 @@ TEST_CASE("importance views use the training cameras, all frames and half size")
   CHECK(widths == std::set<float>{50.0f, 150.0f});
 
   for (Camera& camera : capture.cameras) camera.test = true;
-  CHECK(importance_views(capture, 40).empty());
+  CHECK(importance_views(capture, 40, math::kBandLimited).empty());
 }

@@ -77,7 +77,10 @@ TEST_CASE("spherical harmonics of degree 1 to 3 are orthonormal over the sphere"
   }
 }
 
-TEST_CASE("a Gaussian on the axis projects to the principal point with its size in pixels") {
+namespace {
+
+// At the origin, along z.
+PinholeCamera camera_on_axis() {
   PinholeCamera camera{};
   camera.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1};
   camera.translation = {0, 0, 0};
@@ -87,18 +90,53 @@ TEST_CASE("a Gaussian on the axis projects to the principal point with its size 
   camera.width = 128.0f;
   camera.height = 96.0f;
   camera.near_plane = 0.1f;
+  return camera;
+}
+
+}  // namespace
+
+TEST_CASE("a Gaussian on the axis projects to the principal point with its size in pixels") {
+  const PinholeCamera camera = camera_on_axis();
   const Sym3 covariance = covariance_of({1, 0, 0, 0}, {0.2f, 0.1f, 0.3f});
-  const Projection p = project_gaussian(camera, {0, 0, 2}, covariance);
+  const float blur = screen_blur(kDilated);
+  const Projection p = project_gaussian(camera, {0, 0, 2}, covariance, blur);
   REQUIRE(p.visible == 1);
   CHECK(p.mean.x == Approx(64.0f));
   CHECK(p.mean.y == Approx(48.0f));
-  CHECK(p.covariance.xx == Approx(100.0f + kScreenBlur));
-  CHECK(p.covariance.yy == Approx(25.0f + kScreenBlur));
+  CHECK(p.covariance.xx == Approx(100.0f + blur));
+  CHECK(p.covariance.yy == Approx(25.0f + blur));
   CHECK(p.covariance.xy == Approx(0.0f).margin(1e-5));
-  CHECK(project_gaussian(camera, {0, 0, 0.05f}, covariance).visible == 0);
+  CHECK(project_gaussian(camera, {0, 0, 0.05f}, covariance, blur).visible == 0);
   const Vec2 extent = splat_extent(p.covariance, 0.5f, kAlphaThreshold);
   CHECK(splat_alpha(0.5f, splat_power(p.conic, extent.x * 0.999f, 0.0f)) > 0.0f);
   CHECK(splat_alpha(0.5f, splat_power(p.conic, extent.x * 1.001f, 0.0f)) == 0.0f);
+}
+
+TEST_CASE("a band-limited splat has the integral of its Gaussian at any size, and dilation adds") {
+  const PinholeCamera camera = camera_on_axis();
+  const float opacity = 0.02f;
+  for (const float size : {0.1f, 0.3f, 1.0f, 4.0f}) {  // standard deviation, pixels
+    const Sym3 covariance =
+        covariance_of({0.9f, 0.1f, 0.2f, 0.4f}, {size / 100, 0.5f * size / 100, size / 100});
+    const auto integral = [&](int kernel) {
+      const Projection p = project_gaussian(camera, {0, 0, 1}, covariance, screen_blur(kernel));
+      const double determinant =
+          double{p.covariance.xx} * p.covariance.yy - double{p.covariance.xy} * p.covariance.xy;
+      return splat_opacity(kernel, opacity, p) * std::sqrt(determinant);
+    };
+    const Projection sharp = project_gaussian(camera, {0, 0, 1}, covariance, 0.0f);
+    const double expected = opacity * std::sqrt(double{sharp.covariance.xx} * sharp.covariance.yy -
+                                                double{sharp.covariance.xy} * sharp.covariance.xy);
+    INFO(size << " pixels");
+    CHECK(integral(kBandLimited) == Approx(expected).epsilon(1e-4));
+    CHECK(integral(kDilated) > (size < 1.0f ? 1.5 : 1.01) * expected);
+  }
+  // A Gaussian without an area has no integral.
+  const Projection line =
+      project_gaussian(camera, {0, 0, 1}, covariance_of({1, 0, 0, 0}, {1, 0, 1}), 0.1f);
+  CHECK(line.visible == 1);
+  CHECK(splat_opacity(kBandLimited, 1.0f, line) == 0.0f);
+  CHECK(splat_box(camera, line, 0.0f).visible == 0);
 }
 
 namespace {

@@ -2,10 +2,11 @@
 // Writes a random scene for the tests of the player for browsers, of 60 frames unless stated, or a
 // random SOG model.
 //
-// usage: make_web_scene FILE.stgs PRIMITIVES SH_DEGREE [NEAR [AUDIO [FRAMES]]]
+// usage: make_web_scene [--thin] FILE.stgs PRIMITIVES SH_DEGREE [NEAR [AUDIO [FRAMES]]]
 //        make_web_scene FILE.sog PRIMITIVES SH_DEGREE
-// NEAR: of the near plane, scene units; AUDIO: location of its sound, which begins with it. Exit
-// code 77: built without libwebp or libzip
+// --thin: band-limited splats, most of them smaller than a pixel; NEAR: of the near plane, scene
+// units; AUDIO: location of its sound, which begins with it. Exit code 77: built without libwebp or
+// libzip
 #include <cstdlib>
 #include <iostream>
 #include <string_view>
@@ -16,8 +17,12 @@
 #endif
 
 int main(int argc, char** argv) {
+  const bool is_thin = argc > 1 && argv[1] == std::string_view("--thin");
+  argv += is_thin ? 1 : 0;
+  argc -= is_thin ? 1 : 0;
   if (argc < 4 || argc > 7) {
-    std::cerr << "usage: make_web_scene FILE.stgs PRIMITIVES SH_DEGREE [NEAR [AUDIO [FRAMES]]]\n";
+    std::cerr << "usage: make_web_scene [--thin] FILE.stgs PRIMITIVES SH_DEGREE [NEAR [AUDIO "
+                 "[FRAMES]]]\n";
     return 1;
   }
   constexpr unsigned kSeed = 11;
@@ -38,8 +43,9 @@ int main(int argc, char** argv) {
   scene.metadata.title.clear();
   if (argc > 4) scene.metadata.near_plane = std::strtof(argv[4], nullptr);
   if (argc > 5) scene.metadata.audio = argv[5];
-  // Large enough for many layers of splats.
-  for (float& s : scene.gaussians.log_scale) s += 1.2f;
+  // Large enough for many layers of splats, unless they are thin.
+  for (float& s : scene.gaussians.log_scale) s += is_thin ? -1.8f : 1.2f;
+  if (is_thin) scene.metadata.kernel = stgs::math::kBandLimited;
   stgs::WriteSettings settings;
   settings.profile = stgs::Profile::kQuantised;
   settings.chunk_seconds = 0.25;

@@ -24,7 +24,7 @@ Status pack(const std::string& path, const std::string& out) {
   const SceneMetadata& metadata = reader->metadata();
   list << "{\"tickSeconds\":" << metadata.time_base.seconds(1) << ",\"frames\":" << metadata.frames
        << ",\"shDegree\":" << reader->sh_degree() << ",\"near\":" << metadata.near_plane
-       << ",\"segments\":[";
+       << ",\"kernel\":" << int{metadata.kernel} << ",\"segments\":[";
   const std::vector<SegmentInfo>& segments = reader->segments();
   for (std::uint32_t i = 0; i < segments.size(); ++i) {
     const SegmentInfo& segment = segments[i];

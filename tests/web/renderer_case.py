@@ -77,9 +77,9 @@ class RendererCase(unittest.TestCase):
             shutil.copy(os.path.join(HERE, name), cls.work)
 
     @classmethod
-    def make_scene(cls, scene, primitives, degree, near=0.1):
+    def make_scene(cls, scene, primitives, degree, near=0.1, options=()):
         path = os.path.join(cls.work, scene)
-        subprocess.run([cls.make, f"{path}.stgs", str(primitives), str(degree), str(near)], check=True)
+        subprocess.run([cls.make, *options, f"{path}.stgs", str(primitives), str(degree), str(near)], check=True)
         subprocess.run([cls.pack, f"{path}.stgs", path], check=True)
 
     @classmethod

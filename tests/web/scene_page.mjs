@@ -5,15 +5,19 @@ export const post = (name, body) => fetch(name, { method: "POST", body });
 export const nextFrame = () => new Promise((resolve) => requestAnimationFrame(resolve));
 export const delay = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
-/** Returns the packed segments of a scene that pack_scene wrote. */
-export async function segmentsOf(scene) {
+/** Returns the description of a scene that pack_scene wrote, with its packed segments. */
+export async function sceneOf(scene) {
   const info = await (await fetch(`${scene}.json`)).json();
   const words = await (await fetch(`${scene}.bin`)).arrayBuffer();
   info.segments.forEach((segment, k) => {
     const end = k + 1 < info.segments.length ? info.segments[k + 1].at : words.byteLength;
     segment.words = words.slice(segment.at, end);
   });
-  return info.segments;
+  return info;
+}
+
+export async function segmentsOf(scene) {
+  return (await sceneOf(scene)).segments;
 }
 
 export const copyOf = (segment) => ({ ...segment, words: segment.words.slice(0) });

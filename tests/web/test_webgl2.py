@@ -17,7 +17,7 @@ from renderer_case import RendererCase  # noqa: E402
 
 TARGETS = {"rgba16f": 55.0, "rgba8": 45.0}  # least PSNR, dB
 # Name: primitives, SH degree.
-SCENES = {"degree3": (3000, 3),
+SCENES = {"degree3": (3000, 3), "thin": (20000, 0),
           # More than a layer of the atlas.
           "large": (48000, 3)}
 # Files, and constants in place of others: parts of 512 primitives in two rows.
@@ -37,7 +37,7 @@ class WebGl2Test(RendererCase):
         job = {"scenes": []}
         scenes = {**SCENES, **LOWER_DEGREES} if cls.every_degree else SCENES
         for scene, (primitives, degree) in scenes.items():
-            cls.make_scene(scene, primitives, degree)
+            cls.make_scene(scene, primitives, degree, options=["--thin"] if scene == "thin" else [])
             for target in TARGETS:
                 job["scenes"].append(cls.scene_job(scene, target))
         cls.run_page("webgl2_page.html", job)

@@ -20,6 +20,7 @@ TARGETS = {"rgba16f": 60.0}  # least PSNR, dB
 BOTH = ("front", "inside")
 # Name: primitives, SH degree, near plane, cameras.
 SCENES = {"degree3": (3000, 3, 0.1, BOTH), "near": (1500, 0, 4.0, BOTH),
+          "thin": (20000, 0, 0.1, BOTH),
           # More keys than 16 bits can count, and several buffers.
           "large": (110000, 3, 0.1, ("small",))}
 LOWER_DEGREES = {"degree0": (1500, 0, 0.1, BOTH), "degree1": (1500, 1, 0.1, BOTH),
@@ -37,7 +38,7 @@ class WebGpuTest(RendererCase):
         job = {"scenes": []}
         scenes = {**SCENES, **LOWER_DEGREES} if cls.every_degree else SCENES
         for scene, (primitives, degree, near, cameras) in scenes.items():
-            cls.make_scene(scene, primitives, degree, near)
+            cls.make_scene(scene, primitives, degree, near, ["--thin"] if scene == "thin" else [])
             job["scenes"].append(cls.scene_job(scene, "rgba16f", cameras))
         cls.run_page("webgpu_page.html", job, WEBGPU_FLAGS)
         if cls.posts["done"] == b"no adapter":

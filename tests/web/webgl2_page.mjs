@@ -3,7 +3,8 @@
 import { createWebGl2Renderer } from "./renderer.js";
 import { createWebGl2Renderer as createPartsRenderer } from "./renderer_parts.js";
 import {
-  canvasDifference, copyOf, delay, nextFrame, post, postFrame, runPage, segmentsOf, shifted,
+  canvasDifference, copyOf, delay, nextFrame, post, postFrame, runPage, sceneOf, segmentsOf,
+  shifted,
 } from "./scene_page.mjs";
 
 function rendererFor(options, create = createWebGl2Renderer) {
@@ -25,7 +26,9 @@ async function renderBackground({ scene, cases }) {
 
 async function renderScene({ scene, target, cases }) {
   const page = rendererFor({ target });
-  for (const segment of await segmentsOf(scene)) page.renderer.addSegment(segment);
+  const info = await sceneOf(scene);
+  page.renderer.setScene({ ...info, background: [0, 0, 0] });
+  for (const segment of info.segments) page.renderer.addSegment(segment);
   for (const one of cases) {
     await page.renderer.renderExactly(one.camera, one.ticks);
     await postFrame(one.name, page);

@@ -2,7 +2,8 @@
 // Renders the cases of job.json with WebGPU and posts their pixels. See test_webgpu.py.
 import { createWebGpuRenderer, SplatRenderer } from "./renderer.js";
 import {
-  canvasDifference, copyOf, delay, nextFrame, post, postFrame, runPage, segmentsOf, shifted,
+  canvasDifference, copyOf, delay, nextFrame, post, postFrame, runPage, sceneOf, segmentsOf,
+  shifted,
 } from "./scene_page.mjs";
 import { RadixSort, sortKindOf } from "./radix_sort.js";
 import { testSort } from "./webgpu_sort.mjs";
@@ -38,8 +39,9 @@ async function draw(page, { camera, ticks }) {
 async function renderScenes(scenes) {
   const page = await rendererFor();
   for (const { scene, cases } of scenes) {
-    page.renderer.setScene({ background: [0, 0, 0] });
-    for (const segment of await segmentsOf(scene)) page.renderer.addSegment(segment);
+    const info = await sceneOf(scene);
+    page.renderer.setScene({ ...info, background: [0, 0, 0] });
+    for (const segment of info.segments) page.renderer.addSegment(segment);
     for (const one of cases) {
       await draw(page, one);
       await postFrame(one.name, page);

@@ -290,7 +290,8 @@ class Convert final : public Command {
       Result<std::vector<std::uint8_t>> bytes =
           work.to->write_scene != nullptr
               ? work.to->write_scene(work.scene, limits(), &work.report.notes, &order)
-              : work.to->write(work.scene.gaussians, &work.report.notes);
+              : work.to->write(work.scene.gaussians, work.scene.metadata.kernel,
+                               &work.report.notes);
       if (!bytes.ok()) return write_error(bytes.status(), input_, output_);
       if (work.to->read_back != nullptr) reorder(work.scene, order);
       return bytes;

@@ -174,6 +174,7 @@ class Evaluate final : public Command {
     if (const encoder::Protocol* protocol = encoder::find_protocol(protocol_))
       STGS_TRY(encoder::check_protocol(*protocol, capture_));
     STGS_TRY(encoder::check_same_times(capture_, timeline->metadata(), shown_file()));
+    masks_.apply(timeline->metadata(), capture_);
     encoder::warn_if_other_capture(capture_, timeline->metadata(), shown_file(),
                                    session.log_sink());
     STGS_ASSIGN(cameras_, choose_cameras(capture_, which_));

@@ -36,9 +36,12 @@ class Pack final : public Command {
   void declare(Arguments& app) override {
     app.add_option("SCENE", inputs_, "A lossless .stgs file, or one per window")->required();
     app.add_option("-o,--output", output_, "Output file (.stgs)")->required();
-    app.add_option("--against", against_,
-                   "Prepared capture: also measure the PSNR of its test cameras");
+    auto* against = app.add_option("--against", against_,
+                                   "Prepared capture: also measure the PSNR of its test cameras");
     add_allow_outside(app, allow_outside_);
+    app.add_flag("--foreground", foreground_,
+                 "--against compares with what the masks show, as for train --foreground")
+        ->needs(against);
     options_.declare(app);
     memory_.declare(app);
   }
@@ -58,6 +61,7 @@ class Pack final : public Command {
     const double begin = now_seconds();
     encoder::PackSettings settings = options_.settings();
     settings.against = against_;
+    settings.foreground = foreground_;
     settings.allow_outside = allow_outside_;
     settings.limits = memory_.limits();
     STGS_TRY(encoder::pack(inputs_, output_, settings, &report, session.progress_sink(),
@@ -82,7 +86,7 @@ class Pack final : public Command {
  private:
   std::vector<std::string> inputs_;
   std::string output_, against_;
-  bool allow_outside_ = false;
+  bool allow_outside_ = false, foreground_ = false;
   PackOptions options_;
   MemoryOption memory_;
 };

@@ -1,12 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// The option --masks: errors within masks of the content that matters.
+// The options --masks and --foreground: errors within masks of the content that matters, or of that
+// content alone.
 #pragma once
 
+#include <algorithm>
+#include <array>
+#include <cmath>
 #include <string>
 
 #include "arguments.h"
 #include "moving.h"
 #include "stgs/encoder/image_file.h"
+#include "stgs/encoder/prepared_capture.h"
 
 namespace stgs::tools {
 
@@ -17,8 +22,21 @@ class MasksOption {
         "--masks", folder_,
         "Also measure within masks: images FOLDER/CAMERA/NNNNNN.png, named as the frames "
         "of the capture, 128 or more inside");
+    app.add_flag(
+        "--foreground", foreground_,
+        "Compare with what the masks of the capture show, over the background of the scene");
   }
   bool given() const { return !folder_.empty(); }
+  // Lets the capture show its foreground over the background of a scene, with --foreground.
+  void apply(const SceneMetadata& scene, encoder::PreparedCapture& capture) const {
+    if (!foreground_) return;
+    std::array<std::uint8_t, 3> colour{};
+    for (int c = 0; c < 3; ++c) {
+      const float value = std::clamp(scene.background[c], 0.0f, 1.0f);
+      colour[c] = static_cast<std::uint8_t>(std::lround(255 * value));
+    }
+    capture.behind_masks = colour;
+  }
 
   // Returns the error within the mask of a frame. kIo for a missing mask, kInvalidFile for one of
   // another size.
@@ -40,6 +58,7 @@ class MasksOption {
 
  private:
   std::string folder_;
+  bool foreground_ = false;
 };
 
 }  // namespace stgs::tools

@@ -160,6 +160,7 @@ Json info_json(const SceneInfo& info) {
                {"audio", nullptr},
                {"background", vector_json(m.background)},
                {"colour", {{"primaries", m.colour_primaries}, {"transfer", m.transfer_function}}},
+               {"kernel", m.kernel == 0 ? "dilated" : "band-limited"},
                {"near_plane", m.near_plane},
                {"generator", info.generator},
                {"title", info.title},

@@ -45,6 +45,8 @@ std::string metadata_text(const SceneInfo& info) {
   if (!info.generator.empty()) {
     out += fmt::format("  written by       {}\n", one_line(info.generator));
   }
+  out += fmt::format("  splats           {}\n",
+                     m.kernel == 0 ? "dilated, as in 3DGS" : "band-limited");
   constexpr int kBt709 = 1, kSrgb = 13;
   if (m.colour_primaries != kBt709 || m.transfer_function != kSrgb) {
     out += fmt::format("  colours          primaries {}, transfer function {} (ITU-T H.273)\n",

@@ -62,6 +62,9 @@ void TrainOptions::declare(Arguments& app, bool with_packing) {
          "Refine the poses and focal lengths of the training cameras with the scene; --format "
          "json lists them")
       ->group(group);
+  app.add_flag("--foreground", settings_.foreground,
+               "Train only what the masks of the capture show, with its alpha")
+      ->group(group);
   app.add_option("--log", settings_.log_path,
                  "Write steps and evaluations to this file, as JSON lines")
       ->group(group);

@@ -25,6 +25,7 @@ class Renders {
   Renders(const Scene& scene, float near_plane) : scene_(scene), near_plane_(near_plane) {
     const float* background = scene.metadata.background;
     settings_.background = {background[0], background[1], background[2]};
+    settings_.kernel = scene.metadata.kernel;
   }
 
   // Colours in [0, 1]; valid until the next call. `ticks`: time.
@@ -76,6 +77,7 @@ Size video_size(const encoder::Camera& camera) {
 // The capture with the training cameras as they were trained with.
 encoder::PreparedCapture trained_capture(const TrainReportInput& input) {
   encoder::PreparedCapture capture = input.capture;
+  if (input.settings.foreground) capture.behind_masks = encoder::kBehindForeground;
   for (const encoder::RefinedCamera& refined : input.report.cameras) {
     for (encoder::Camera& camera : capture.cameras) {
       if (camera.name == refined.camera.name) camera = refined.camera;

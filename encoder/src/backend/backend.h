@@ -42,10 +42,13 @@ struct StepInput {
   TrainingImage ground_truth;      // of the camera's size
   std::size_t colour_index = 0;    // of the colour correction to use
   math::Vec3 background{0, 0, 0};  // sRGB-encoded
+  // Whether the background is that of the image after the colour map, as of foreground images.
+  bool background_is_mapped = false;
   // Fraction of the primitives that the step drops, and their selection (see dropped()).
   float drop_share = 0;
   Random drop_random{0, 0, RandomPurpose::kDrop};
   int sh_degree = 0;                       // SH degree in use
+  int kernel = 0;                          // of the splats
   bool modulated = true;                   // false: f = 1
   math::DampingRules damping{};            // ignored by a coupled state
   bool learn_radius = true;                // false: r is constant
@@ -120,6 +123,9 @@ class TrainBackend {
   // Runs grow() or replace(), and reset_opacity(), of train/densify.h after the steps so far. The
   // random numbers depend on the state's iteration, which the host updates.
   virtual Result<DensifyCounts> densify(const DensifyInput& input) = 0;
+  // Raises scales below `pixels` to it, in pixels of the camera that samples the primitive most
+  // densely among those that see it at its time T. After read(), not for a coupled state.
+  virtual Status limit_scales(std::span<const math::PinholeCamera> cameras, float pixels) = 0;
   // Returns the current number of primitives.
   virtual std::size_t size() const = 0;
   // Waits for all steps and returns the outputs of those since the last read(), one per view: in

@@ -111,7 +111,7 @@ Status copy_image(const CameraJob& job, int frame) {
 }
 
 Status write_mask(const CameraJob& job, int frame) {
-  if (job.camera.test || job.source.masks.empty()) return {};
+  if (job.source.masks.empty()) return {};
   const int number = job.capture.first_frame + frame;
   const std::string& path = job.source.masks[static_cast<std::size_t>(number)];
   STGS_ASSIGN(const cv::Mat mask,
@@ -213,7 +213,7 @@ Status write_frames(const SourceCapture& source, const std::vector<CameraPlan>& 
   for (std::size_t i = 0; i < plans.size(); ++i) {
     const Camera& camera = capture.cameras[i];
     fs::create_directories(fs::path(capture.frame_path(camera, 0)).parent_path());
-    if (!camera.test && !source.cameras[i].masks.empty()) {
+    if (!source.cameras[i].masks.empty()) {
       fs::create_directories(fs::path(capture.mask_path(camera, 0)).parent_path());
     }
   }

@@ -18,7 +18,7 @@ Result<std::vector<CameraPlan>> plan_frames(const SourceCapture& source,
                                             const PrepareSettings& settings,
                                             PreparedCapture& capture, const LogSink& log);
 
-// Writes frames/ and the given masks/ (of training cameras) to capture.folder, on all threads.
+// Writes frames/ and the given masks/ to capture.folder, on all threads.
 // Frames are copied byte for byte if no camera needs a change.
 Status write_frames(const SourceCapture& source, const std::vector<CameraPlan>& plans,
                     const PreparedCapture& capture, const ProgressSink& progress);

@@ -158,8 +158,8 @@ Result<HeldOutViews> load_held_out_views(const Scene& scene, const std::string& 
         "the packed scene",
         scene.parts.size());
   }
-  STGS_ASSIGN(const PreparedCapture complete,
-              read_prepared_capture(folder, settings.allow_outside));
+  STGS_ASSIGN(PreparedCapture complete, read_prepared_capture(folder, settings.allow_outside));
+  if (settings.foreground) complete.behind_masks = kBehindForeground;
   STGS_ASSIGN(const PreparedCapture capture, capture_for_scene(complete, scene.metadata, name));
   STGS_TRY(check_same_times(capture, scene.metadata, name));
   warn_if_other_capture(capture, scene.metadata, name, log);
@@ -178,8 +178,8 @@ void measure_psnr(const Scene& scene, const Scene& packed, const HeldOutViews* v
     if (views == nullptr) return;
     const float* b = scene.metadata.background;
     const math::Vec3 background{b[0], b[1], b[2]};
-    report.held_out_before = views->evaluate(scene.gaussians, background);
-    report.held_out_after = views->evaluate(packed.gaussians, background);
+    report.held_out_before = views->evaluate(scene.gaussians, background, scene.metadata.kernel);
+    report.held_out_after = views->evaluate(packed.gaussians, background, scene.metadata.kernel);
   } catch (const std::length_error& error) {
     if (log)
       log(1, fmt::format("the PSNR of the packed scene could not be measured: {}", error.what()));

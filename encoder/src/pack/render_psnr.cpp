@@ -29,6 +29,7 @@ void render_scene(const Scene& scene, double t, const math::PinholeCamera& camer
   RasterSettings settings;
   const float* b = scene.metadata.background;
   settings.background = {b[0], b[1], b[2]};
+  settings.kernel = scene.metadata.kernel;
   begin_frame(camera, buffers.frame);
   if (scene.parts.empty()) slice(scene.gaussians, t, camera, settings, 0, buffers.frame);
   std::uint32_t first = 0;

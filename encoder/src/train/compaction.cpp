@@ -121,7 +121,7 @@ Result<double> Trainer::training_psnr() {
   STGS_TRY(synchronise());
   STGS_ASSIGN(const HeldOutViews views,
               HeldOutViews::load(with_refined_cameras(capture_, state_), false, kTargetViews));
-  return views.evaluate(state_.set, state_.background).psnr_cc;
+  return views.evaluate(state_.set, state_.background, parameters_.kernel).psnr_cc;
 }
 
 // The next round is expected to lose as much as the last one.

@@ -44,6 +44,7 @@ Fingerprint fingerprint_of(const HyperParameters& parameters, const TrainSetting
   out.emplace_back("seed", fmt::format("{}", settings.seed));
   out.emplace_back("ablate", settings.ablate.empty() ? "nothing" : settings.ablate);
   out.emplace_back("refine_cameras", settings.refine_cameras ? "yes" : "no");
+  out.emplace_back("foreground", settings.foreground ? "yes" : "no");
   out.emplace_back("max_seconds", fmt::format("{}", settings.max_seconds));
   out.emplace_back("target_kbps", fmt::format("{}", settings.target_kbps));
   out.emplace_back("target_size", fmt::format("{}", settings.target_size));

@@ -39,12 +39,14 @@ Result<HeldOutViews> HeldOutViews::load(const PreparedCapture& capture, bool tes
   return held_out;
 }
 
-HeldOutScore HeldOutViews::evaluate(const Gaussians4D& set, math::Vec3 background) const {
+HeldOutScore HeldOutViews::evaluate(const Gaussians4D& set, math::Vec3 background,
+                                    int kernel) const {
   HeldOutScore score;
   SplatFrame frame;
   RasterOutput output;
   RasterSettings settings;
   settings.background = background;
+  settings.kernel = kernel;
   for (const View& view : views_) {
     render(set, view.ticks, view.camera, settings, frame, output);
     // Non-finite values count as black.

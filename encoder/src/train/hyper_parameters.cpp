@@ -138,6 +138,9 @@ struct HyperParameterTable {
                "Compaction: factor of the learning rates at its end");
     STGS_VISIT(visit, drop_share, 0, 0.9,
                "Fraction of the primitives that each step drops at random");
+    STGS_VISIT(visit, kernel, 0, 1, "Kernel of the splats: 1, band-limited; 0, as in 3DGS");
+    STGS_VISIT(visit, min_scale, 0, 10,
+               "Smallest scale of a primitive, in the sharpest training image", "pixels");
     STGS_VISIT(visit, seen_background, 0, 1, "1: the background is estimated; 0: black");
     STGS_VISIT(visit, initial_opacity, 0.001, 0.999, "Opacity of static initial points");
     STGS_VISIT(visit, initial_opacity_dynamic, 0.001, 0.999, "Opacity of dynamic initial points");

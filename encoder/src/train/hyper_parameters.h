@@ -103,6 +103,10 @@ struct HyperParameters {
   // many steps and primitives).
   double drop_share = 0.05;
 
+  // The splats.
+  int kernel = 1;
+  double min_scale = 0.5;
+
   // Initialisation.
   double initial_opacity = 0.5;
   double initial_opacity_dynamic = 0.5;

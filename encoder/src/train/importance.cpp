@@ -108,7 +108,8 @@ math::PinholeCamera widened(math::PinholeCamera camera) {
 
 }  // namespace
 
-std::vector<ImportanceView> importance_views(const PreparedCapture& capture, int count) {
+std::vector<ImportanceView> importance_views(const PreparedCapture& capture, int count,
+                                             int kernel) {
   std::vector<math::PinholeCamera> cameras;
   for (const Camera& camera : capture.training_cameras())
     cameras.push_back(half_size(camera.pinhole(capture.near_plane)));
@@ -120,7 +121,7 @@ std::vector<ImportanceView> importance_views(const PreparedCapture& capture, int
     // Cycles through the cameras; frames are evenly spaced and differ between cameras.
     const double frame = (v + 0.5) / count * capture.frames;
     views.push_back({cameras[static_cast<std::size_t>(v) % cameras.size()],
-                     static_cast<float>(std::floor(frame))});
+                     static_cast<float>(std::floor(frame)), kernel});
   }
   return views;
 }
@@ -134,7 +135,9 @@ std::optional<std::vector<float>> view_importance(
     if (!should_continue(static_cast<double>(v) / static_cast<double>(views.size())))
       return std::nullopt;
     begin_frame(views[v].camera, frame);
-    slice(set, views[v].ticks, views[v].camera, {}, 0, frame);
+    RasterSettings settings;
+    settings.kernel = views[v].kernel;
+    slice(set, views[v].ticks, views[v].camera, settings, 0, frame);
     bin(frame);
     add_view(frame, by_instance, importance);
   }

@@ -16,13 +16,14 @@ namespace stgs::encoder {
 struct ImportanceView {
   math::PinholeCamera camera;
   float ticks = 0;  // frames
+  int kernel = 0;   // of the splats
 };
 
 inline constexpr int kImportanceViews = 256;  // of a run
 
 // Returns `count` views at half the image size, spread over training cameras and frames, half of
 // them with a wider field of view; none if there are no training cameras.
-std::vector<ImportanceView> importance_views(const PreparedCapture& capture, int count);
+std::vector<ImportanceView> importance_views(const PreparedCapture& capture, int count, int kernel);
 
 // Computes Scene::importance on the CPU: for each primitive the sum of its squared blend weights
 // over all pixels of the views. An error of its colour enters the images' mean squared error with

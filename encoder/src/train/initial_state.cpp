@@ -11,6 +11,7 @@
 #include "stgs/format/math/sh.h"
 #include "stgs/format/parallel.h"
 #include "train/coupled_state.h"
+#include "train/foreground.h"
 #include "train/initial_points.h"
 #include "train/random.h"
 #include "train/scene_background.h"
@@ -84,6 +85,7 @@ Result<std::vector<InitialPoint>> load_points(const PreparedCapture& capture,
   STGS_ASSIGN(InitialPoints read, read_initial_points(capture));
   std::vector<InitialPoint>& static_points = read.statics;
   std::vector<InitialPoint>& dynamic_points = read.dynamics;
+  if (capture.behind_masks) STGS_TRY(keep_foreground(full_capture(capture), static_points));
   if (!ablation.initialisation) {
     if (!read.is_moving) {
       return usage_error(
@@ -201,7 +203,7 @@ Result<TrainState> initial_points_state(const PreparedCapture& capture,
 Result<TrainState> initial_state(const PreparedCapture& capture, const HyperParameters& parameters,
                                  const Ablation& ablation, std::uint64_t seed) {
   STGS_ASSIGN(TrainState state, initial_points_state(capture, parameters, ablation, seed));
-  if (parameters.seen_background != 0) {
+  if (parameters.seen_background != 0 && !capture.behind_masks) {
     // For the complete capture and with the shared seed, so that all windows have the same.
     const PreparedCapture complete = full_capture(capture);
     STGS_ASSIGN(const TrainState initial,

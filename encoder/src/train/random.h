@@ -17,7 +17,8 @@ enum class RandomPurpose : std::uint64_t {
   kPatch = 4,
   kDrop = 5,
   kStatic = 6,
-  kStereo = 7
+  kStereo = 7,
+  kBackground = 8
 };
 
 class Random {

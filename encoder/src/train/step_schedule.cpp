@@ -21,6 +21,7 @@ void set_schedule(const HyperParameters& p, const PreparedCapture& capture, doub
   const double extent = capture.extent;
   input.sh_degree =
       progress < p.sh_degree * p.sh_step ? static_cast<int>(progress / p.sh_step) : p.sh_degree;
+  input.kernel = p.kernel;
   input.rates[kPosition] = decayed(p.lr_position * extent, p.lr_position_final * extent, progress);
   input.rates[kVelocity] = decayed(p.lr_velocity * extent, p.lr_velocity_final * extent, progress);
   if (coupled) input.rates[kVelocity] = static_cast<float>(p.lr_rotation);

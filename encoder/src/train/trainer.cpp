@@ -10,6 +10,7 @@
 #include "train/checkpoint.h"
 #include "train/densify.h"
 #include "train/densify_plan.h"
+#include "train/foreground.h"
 #include "train/free_space.h"
 #include "train/random.h"
 #include "train/step_schedule.h"
@@ -42,6 +43,7 @@ Result<std::unique_ptr<Trainer>> Trainer::create(const PreparedCapture& capture,
                                                  const ProgressSink& progress, const LogSink& log) {
   STGS_TRY(check_frame_files(capture, capture.cameras));
   std::unique_ptr<Trainer> trainer(new Trainer(capture, settings, progress, log));
+  if (settings.foreground) trainer->capture_.behind_masks = kBehindForeground;
   STGS_ASSIGN(const TrainingChoice choice, choose_training(settings));
   trainer->parameters_ = choice.parameters;
   trainer->ablation_ = choice.ablation;
@@ -186,6 +188,11 @@ Result<StepInput> Trainer::step_input() {
   }));
   input.colour_index = camera;
   input.background = state_.background;
+  if (settings_.foreground) {
+    input.background =
+        background_behind(camera * static_cast<std::size_t>(capture_.frames) + frame);
+    input.background_is_mapped = true;
+  }
   input.drop_share = static_cast<float>(p.drop_share);
   input.drop_random = Random(settings_.seed, view_index, RandomPurpose::kDrop);
   input.modulated = ablation_.modulation;
@@ -305,6 +312,7 @@ Status Trainer::train() {
     STGS_TRY(step());
     STGS_ASSIGN(const bool progress_due, update_clock());
     STGS_TRY(update_cameras());
+    STGS_TRY(limit_scales());
     STGS_TRY(densify());
     STGS_TRY(compact());
     const bool checkpoint = passed(static_cast<std::uint64_t>(settings_.checkpoint_interval));

@@ -103,6 +103,8 @@ class Trainer {
   void report_cameras() const;
   // Renders with the cameras of the state from now on.
   void use_cameras();
+  // Keeps primitives from becoming smaller than the training images can resolve.
+  Status limit_scales();
   Status step();
   // Records that an error (unreadable frame, out of memory) left steps incomplete; returns it.
   Status on_step_failed(const Status& error);

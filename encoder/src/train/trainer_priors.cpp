@@ -29,4 +29,15 @@ Status Trainer::prepare_priors() {
   return {};
 }
 
+Status Trainer::limit_scales() {
+  const int interval = std::max(1, parameters_.densify_interval / 2);
+  if (parameters_.min_scale <= 0 || state_.is_coupled()) return {};
+  if (!passed(static_cast<std::uint64_t>(interval))) return {};
+  STGS_TRY(read_steps());
+  std::vector<math::PinholeCamera> cameras;
+  for (const Camera& camera : images_.cameras())
+    cameras.push_back(camera.pinhole(capture_.near_plane));
+  return backend_->limit_scales(cameras, static_cast<float>(parameters_.min_scale));
+}
+
 }  // namespace stgs::encoder

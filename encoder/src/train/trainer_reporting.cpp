@@ -67,7 +67,7 @@ Status Trainer::evaluate_held_out() {
 bool Trainer::score_held_out() {
   try {
     score_ = held_out_.evaluate(state_.compaction.is_rounding() ? rounded_set(state_) : state_.set,
-                                state_.background);
+                                state_.background, parameters_.kernel);
     return true;
   } catch (const std::length_error& error) {
     log_(1, fmt::format("iteration {}: held-out views could not be rendered: {}", state_.iteration,

@@ -39,8 +39,8 @@ Result<std::vector<float>> Trainer::importance() {
                                            : Progress{"train", run_progress(), -1, detail});
     return more || ranks_.size() > 1;  // ranks stop together, after a step
   };
-  const std::vector<ImportanceView> views =
-      importance_views(with_refined_cameras(capture_, state_), kImportanceViews);
+  const std::vector<ImportanceView> views = importance_views(with_refined_cameras(capture_, state_),
+                                                             kImportanceViews, parameters_.kernel);
   std::optional<std::vector<float>> importance =
       compute_importance(*backend_, *make_cpu_backend(), state_, views, should_continue, log_);
   importance_seconds_ += seconds();
@@ -67,6 +67,7 @@ Result<Scene> Trainer::scene() {
     metadata.window->training = settings_id_of(settings_, {parameters_, ablation_}, perceptual_);
   }
   metadata.near_plane = capture_.near_plane;
+  metadata.kernel = static_cast<std::uint8_t>(parameters_.kernel);
   std::copy_n(&state_.background.x, 3, metadata.background);
   metadata.start_camera = start_camera(images_.cameras());
   metadata.generator = "stgs " STGS_VERSION;

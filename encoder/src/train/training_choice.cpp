@@ -59,7 +59,7 @@ const Unused kUnused[] = {
      {"initial_opacity_dynamic", "sigma_dynamic", "velocity_times_f"}},
     {"with --ablate representation",
      [](const Choice& c) { return !c.ablation.representation; },
-     {"initial_radius", "lr_radius", "lr_velocity", "lr_velocity_final", "normal_from",
+     {"initial_radius", "lr_radius", "lr_velocity", "lr_velocity_final", "min_scale", "normal_from",
       "still_from", "still_least", "velocity_share", "velocity_shrink", "velocity_times_f",
       "weight_normal"}},
     {"if velocity_shrink is 0",
@@ -83,6 +83,9 @@ const Unused kUnused[] = {
     {"if weight_normal is 0",
      [](const Choice& c) { return c.parameters.weight_normal == 0; },
      {"normal_from"}},
+    {"with --foreground",
+     [](const Choice& c) { return c.settings.foreground; },
+     {"seen_background"}},
     {"without --refine-cameras",
      [](const Choice& c) { return !c.settings.refine_cameras; },
      {"lr_camera", "camera_pull"}},
@@ -191,6 +194,7 @@ std::uint64_t settings_id_of(const TrainSettings& settings, const TrainingChoice
   Fingerprint entries = list_hyper_parameters(choice.parameters);
   entries.emplace_back("ablate", fmt::format("{}", fmt::join(choice.ablation.names(), ",")));
   entries.emplace_back("refine_cameras", settings.refine_cameras ? "yes" : "no");
+  entries.emplace_back("foreground", settings.foreground ? "yes" : "no");
   entries.emplace_back("max_seconds", fmt::format("{}", settings.max_seconds));
   entries.emplace_back("target_kbps", fmt::format("{}", settings.target_kbps));
   entries.emplace_back("target_size", fmt::format("{}", settings.target_size));

@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "stgs/format/parallel.h"
+#include "train/foreground.h"
 #include "train/machine_memory.h"
 
 namespace stgs::encoder {
@@ -40,7 +41,9 @@ Result<TrainingImages> TrainingImages::load(const PreparedCapture& capture, std:
   }
   source.decode = [capture, cameras = images.cameras_](std::size_t view) {
     const auto frames = static_cast<std::size_t>(capture.frames);
-    return load_frame(capture, cameras[view / frames], static_cast<int>(view % frames));
+    PreparedCapture shown = capture;
+    if (shown.behind_masks) shown.behind_masks = colour_behind(view);
+    return load_frame(shown, cameras[view / frames], static_cast<int>(view % frames));
   };
   if (budget == 0) {
     budget = static_cast<std::uint64_t>(kMemoryFraction / processes *

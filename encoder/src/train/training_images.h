@@ -24,7 +24,8 @@ struct TrainingView {
 class TrainingImages {
  public:
   // `budget`: memory for decoded images, bytes; 0: a fraction of the available memory, divided by
-  // the `processes` on this machine. Decodes all images if they fit; kRuntime if `progress` (stage
+  // the `processes` on this machine. With capture.behind_masks, the colour is colour_behind().
+  // Decodes all images if they fit; kRuntime if `progress` (stage
   // "load") cancels.
   static Result<TrainingImages> load(const PreparedCapture& capture, std::uint64_t budget,
                                      int processes, const ProgressSink& progress);

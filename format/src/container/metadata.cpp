@@ -6,6 +6,7 @@
 #include "container/container.h"
 #include "core/bytes.h"
 #include "stgs/format/camera.h"
+#include "stgs/format/math/project.h"
 #include "stgs/format/text.h"
 
 namespace stgs {
@@ -172,15 +173,15 @@ MetadataFields read_fields(ByteReader& in, FileMetadata& metadata) {
 // Checks the conventions of kernel, axes, SH and colours (spec 4.3, 4.4).
 bool check_conventions(const SceneMetadata& scene, std::uint8_t axes, std::uint64_t offset,
                        Findings& findings) {
-  const auto unknown = [](std::uint8_t v) { return v != 0 && v < kFirstShownAsZero; };
-  if (axes != 0 || unknown(scene.kernel) || unknown(scene.sh_convention)) {
+  const auto unknown = [](std::uint8_t v, int known) { return v > known && v < kFirstShownAsZero; };
+  if (axes != 0 || unknown(scene.kernel, math::kBandLimited) || unknown(scene.sh_convention, 0)) {
     findings.unsupported(
         N::kMetadataConvention, offset + 12,
         "metadata: unknown convention (kernel {}, axes {}, SH {}); a later version is needed",
         scene.kernel, axes, scene.sh_convention);
     return false;
   }
-  if (scene.kernel != 0 || scene.sh_convention != 0) {
+  if (scene.kernel >= kFirstShownAsZero || scene.sh_convention >= kFirstShownAsZero) {
     findings.warning(N::kMetadataConvention, offset + 12,
                      "metadata: convention of a later version is treated as 0 (kernel {}, SH {})",
                      scene.kernel, scene.sh_convention);

@@ -60,15 +60,20 @@ bool is_gltf(const std::string&, Head head, const ReadLimits&) {
   return starts_with(head, "glTF");
 }
 
-Result<std::vector<std::uint8_t>> write_ply_set(const Gaussians4D& set, ConversionNotes*) {
+Result<std::vector<std::uint8_t>> write_ply_set(const Gaussians4D& set, int kernel,
+                                                ConversionNotes* notes) {
+  note_kernel(kernel, "PLY", notes);
   return write_ply(set);
 }
 
-Result<std::vector<std::uint8_t>> write_spz_set(const Gaussians4D& set, ConversionNotes* notes) {
-  return write_spz(set, notes);
+Result<std::vector<std::uint8_t>> write_spz_set(const Gaussians4D& set, int kernel,
+                                                ConversionNotes* notes) {
+  return write_spz(set, notes, kernel);
 }
 
-Result<std::vector<std::uint8_t>> write_glb_set(const Gaussians4D& set, ConversionNotes*) {
+Result<std::vector<std::uint8_t>> write_glb_set(const Gaussians4D& set, int kernel,
+                                                ConversionNotes* notes) {
+  note_kernel(kernel, "glTF", notes);
   return write_glb(set);
 }
 

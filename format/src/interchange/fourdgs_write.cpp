@@ -279,6 +279,7 @@ class Writer {
 
 // Notes the metadata that the format cannot hold.
 void note_lost_metadata(const SceneMetadata& m, ConversionNotes* notes) {
+  note_kernel(m.kernel, "4dgs", notes);
   const std::string lost = list_metadata(m, "the image size and roll of the start camera", false);
   if (!lost.empty()) note(notes, fmt::format("4dgs cannot hold {}", lost));
 }

@@ -45,6 +45,13 @@ void move_primitive(Gaussians4D& set, std::size_t from, std::size_t to) {
 
 }  // namespace
 
+void note_kernel(int kernel, const char* format, ConversionNotes* notes) {
+  if (kernel != math::kBandLimited) return;
+  note(notes, fmt::format("{} cannot state that splats are band-limited: viewers show small ones "
+                          "larger and more opaque",
+                          format));
+}
+
 std::string list_metadata(const SceneMetadata& metadata, const char* camera, bool described) {
   const auto is_set = [](const float(&v)[3]) { return v[0] != 0 || v[1] != 0 || v[2] != 0; };
   std::vector<std::string_view> items;

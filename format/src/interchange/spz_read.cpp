@@ -254,12 +254,6 @@ Result<Scene> read_spz(const ByteSource& source, const ReadLimits& limits, Conve
   STGS_ASSIGN(const SpzContent content, is_gzip(bytes)
                                             ? read_gzipped(bytes, source.name(), memory, notes)
                                             : read_version_4(bytes, source.name(), memory, notes));
-  if ((content.header.flags & spz::kAntialiased) != 0) {
-    note(notes,
-         "the splats were trained for antialiased rendering (mip splatting), which is not "
-         "supported: "
-         "small splats look more opaque");
-  }
   if (content.header.degree > 3) note(notes, "dropped SH of degree 4");
   Gaussians4D set;
   set.sh_degree = std::min(content.header.degree, 3);
@@ -270,7 +264,9 @@ Result<Scene> read_spz(const ByteSource& source, const ReadLimits& limits, Conve
                     for (std::size_t i = first; i < last; ++i) unpack(content, i, set);
                   });
   flip_axes(set, content.axes.x, content.axes.y, content.axes.z);
-  return finish_import(std::move(set), notes);
+  Scene scene = finish_import(std::move(set), notes);
+  if ((content.header.flags & spz::kAntialiased) != 0) scene.metadata.kernel = math::kBandLimited;
+  return scene;
 }
 
 }  // namespace stgs

@@ -135,14 +135,14 @@ void note_clipping(const Gaussians4D& set, ConversionNotes& notes) {
   sh.note("SH coefficients", "-1 to 1", notes);
 }
 
-Bytes header_of(const Gaussians4D& set, int fraction_bits, std::size_t streams) {
+Bytes header_of(const Gaussians4D& set, int fraction_bits, int kernel, std::size_t streams) {
   ByteWriter out;
   out.u32(spz::kMagic);
   out.u32(4);
   out.u32(static_cast<std::uint32_t>(set.size()));
   out.u8(static_cast<std::uint8_t>(set.sh_degree));
   out.u8(static_cast<std::uint8_t>(fraction_bits));
-  out.u8(0);  // flags
+  out.u8(kernel == math::kBandLimited ? spz::kAntialiased : 0);
   out.u8(static_cast<std::uint8_t>(streams));
   out.u32(spz::kHeader);  // the table of contents follows
   for (int i = 0; i < 12; ++i) out.u8(0);
@@ -151,7 +151,7 @@ Bytes header_of(const Gaussians4D& set, int fraction_bits, std::size_t streams) 
 
 }  // namespace
 
-Result<std::vector<std::uint8_t>> write_spz(Gaussians4D set, ConversionNotes* notes) {
+Result<std::vector<std::uint8_t>> write_spz(Gaussians4D set, ConversionNotes* notes, int kernel) {
   STGS_TRY(check_export(set));
   if (set.size() == 0) return unsupported("SPZ cannot represent a set without primitives");
   if (set.size() > 0x7FFFFFFF) {
@@ -180,7 +180,7 @@ Result<std::vector<std::uint8_t>> write_spz(Gaussians4D set, ConversionNotes* no
                              kZstdLevel);
   });
   ByteWriter out;
-  out.bytes(header_of(set, fraction_bits, streams));
+  out.bytes(header_of(set, fraction_bits, kernel, streams));
   for (std::size_t a = 0; a < streams; ++a) {
     if (ZSTD_isError(sizes[a])) return runtime_error("zstd: {}", ZSTD_getErrorName(sizes[a]));
     out.u64(sizes[a]);

@@ -263,6 +263,7 @@ void note_losses(const Scene& scene, const UsdaStatistics& statistics, Conversio
     note(notes, fmt::format("dropped {} of {} primitives that are visible only between frames",
                             statistics.between_frames, scene.gaussians.size()));
   }
+  note_kernel(m.kernel, "USD", notes);
   const std::string lost = list_metadata(m, "the start camera", false);
   if (!lost.empty()) note(notes, fmt::format("does not contain {}", lost));
 }

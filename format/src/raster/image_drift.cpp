@@ -28,8 +28,10 @@ math::Vec3 centre_at(const Gaussians4D& set, std::size_t i, double ticks) {
 
 // Returns the distance in pixels between the projections of two points, or kNotCovered.
 float distance_in(const math::PinholeCamera& camera, math::Vec3 first, math::Vec3 last) {
-  const math::Projection p = math::project_gaussian(camera, first, {});
-  const math::Projection q = math::project_gaussian(camera, last, {});
+  const math::Projection p =
+      math::project_gaussian(camera, first, {}, math::screen_blur(math::kDilated));
+  const math::Projection q =
+      math::project_gaussian(camera, last, {}, math::screen_blur(math::kDilated));
   if (p.visible == 0 || q.visible == 0) return kNotCovered;
   if (!inside(camera, p.mean) && !inside(camera, q.mean)) return kNotCovered;
   return std::hypot(p.mean.x - q.mean.x, p.mean.y - q.mean.y);
@@ -60,7 +62,8 @@ std::uint8_t cameras_covering(const Scene& scene, const ShownFrames& frames, std
   const math::Vec3 centre = centre_at(scene.gaussians, i, nearest);
   std::uint8_t count = 0;
   for (const math::PinholeCamera& camera : cameras) {
-    const math::Projection p = math::project_gaussian(camera, centre, {});
+    const math::Projection p =
+        math::project_gaussian(camera, centre, {}, math::screen_blur(math::kDilated));
     if (p.visible != 0 && inside(camera, p.mean) && ++count == 2) break;
   }
   return count;

@@ -45,8 +45,8 @@ bool surely_outside(const PinholeCamera& camera, Vec3 c, float log_scale_max) {
   const float s = std::exp(log_scale_max);
   // 2.02: twice the largest reach, plus one percent for rounding.
   const float q = 2.02f * kReachMax;
-  const Vec2 extent{std::sqrt(q * (s * s * dot3(rows.u, rows.u) + kScreenBlur)),
-                    std::sqrt(q * (s * s * dot3(rows.v, rows.v) + kScreenBlur))};
+  const Vec2 extent{std::sqrt(q * (s * s * dot3(rows.u, rows.u) + screen_blur(kDilated))),
+                    std::sqrt(q * (s * s * dot3(rows.v, rows.v) + screen_blur(kDilated)))};
   const Vec2 mean{camera.fx * c.x / c.z + camera.cx, camera.fy * c.y / c.z + camera.cy};
   return outside_image(camera, mean, extent);
 }
@@ -63,14 +63,16 @@ bool make_splat(const Gaussians4D& set, std::size_t i, const View& view, Splat& 
   const float* log_scale = &set.log_scale[3 * i];
   if (surely_outside(view.camera, c, std::max({log_scale[0], log_scale[1], log_scale[2]})))
     return false;
-  const float opacity = opacity_of(set.opacity_logit[i]) * visibility(dt, sigma, radius);
-  if (!(opacity >= kAlphaThreshold)) return false;
+  const float opacity_t = opacity_of(set.opacity_logit[i]) * visibility(dt, sigma, radius);
+  if (!(opacity_t >= kAlphaThreshold)) return false;
 
   const float* r = &set.rotation[4 * i];
   const Sym3 covariance =
       covariance_of({r[0], r[1], r[2], r[3]},
                     {std::exp(log_scale[0]), std::exp(log_scale[1]), std::exp(log_scale[2])});
-  const Projection p = project_gaussian(view.camera, position, covariance);
+  const Projection p =
+      project_gaussian(view.camera, position, covariance, screen_blur(view.kernel));
+  const float opacity = splat_opacity(view.kernel, opacity_t, p);
   const SplatBox box = splat_box(view.camera, p, opacity);
   if (!box.visible) return false;
 

@@ -75,14 +75,14 @@ class CpuRenderer final : public Renderer {
     sums.fetch_ms = lap(clock);
     sums.stored = timeline.stored_primitives();
     for (const auto& one : active.segments) sums.active += one.candidates->size();
-    const int encoding = encoding_of(timeline.metadata());
+    const Appearance appearance = appearance_of(timeline.metadata());
     try {
       const RenderStats before = sums;
       STGS_TRY(draw_within_limit(
           memory_, timeline, memory_.bytes() > 0,
           [&] {
             sums = before;
-            return draw_views(active, views, encoding, sums);
+            return draw_views(active, views, appearance, sums);
           },
           [this] { return free_memory(); }));
     } catch (const std::bad_alloc&) {
@@ -103,14 +103,14 @@ class CpuRenderer final : public Renderer {
   }
 
  private:
-  Status draw_views(const Timeline::Active& active, const std::vector<View>& views, int encoding,
-                    RenderStats& stats) {
+  Status draw_views(const Timeline::Active& active, const std::vector<View>& views,
+                    Appearance appearance, RenderStats& stats) {
     try {
       charge_images(views);
       frames_.resize(views.size());
       for (std::size_t i = 0; i < views.size(); ++i) {
-        draw(active, views[i], frames_[i], stats);
-        if (encoding != 0) to_output(encoding, frames_[i].colour);
+        draw(active, views[i], appearance.kernel, frames_[i], stats);
+        if (appearance.encoding != 0) to_output(appearance.encoding, frames_[i].colour);
       }
     } catch (const FrameTooLarge& e) {
       if (e.bytes == 0) throw;  // another limit
@@ -149,8 +149,10 @@ class CpuRenderer final : public Renderer {
     return {};
   }
 
-  void draw(const Timeline::Active& active, const View& view, Frame& frame, RenderStats& stats) {
+  void draw(const Timeline::Active& active, const View& view, int kernel, Frame& frame,
+            RenderStats& stats) {
     RasterSettings settings;
+    settings.kernel = kernel;
     settings.background = view.background;
     if (view.fovea) settings.fovea = fovea_of(view);
     auto clock = Clock::now();

@@ -214,7 +214,7 @@ class FrameGraphRenderer final : public CudaRenderer {
     for (;;) {
       STGS_TRY(ensure_buffers(need));
       const Status started =
-          frame_.start(views, parts_, encoding_of(timeline.metadata()), degree_, grids_[degree_],
+          frame_.start(views, parts_, appearance_of(timeline.metadata()), degree_, grids_[degree_],
                        buffers_, settings_.use_graph, stream_.get());
       // Also after an error, since kernels that have started use the buffers.
       const cudaError_t ended = cudaStreamSynchronize(stream_.get());

@@ -56,6 +56,7 @@ struct ViewInput {
   math::Vec2 fovea;          // centre, pixels
   float fovea_radius;        // pixels
   int encoding;              // of the colours (math/colour.h)
+  int kernel;                // of the splats
   float* planes;             // 3 colours, alpha, depth
 };
 

@@ -49,9 +49,9 @@ std::uint32_t tiles_of(std::span<const View> views) {
   return tiles;
 }
 
-Status FrameGraph::start(std::span<const View> views, std::span<const Part> parts, int encoding,
-                         int sh_degree, const Grids& grids, const FrameBuffers& buffers,
-                         bool as_graph, cudaStream_t stream) {
+Status FrameGraph::start(std::span<const View> views, std::span<const Part> parts,
+                         Appearance appearance, int sh_degree, const Grids& grids,
+                         const FrameBuffers& buffers, bool as_graph, cudaStream_t stream) {
   Config config;
   config.generation = buffers.generation();
   config.sh_degree = sh_degree;
@@ -65,7 +65,7 @@ Status FrameGraph::start(std::span<const View> views, std::span<const Part> part
   config.parts = std::max(std::bit_ceil(std::max(parts.size() + 1, kMinParts)), current_.parts);
   lay_out_images(views);
   STGS_TRY(ensure_buffers(config));
-  fill_input(views, parts, encoding);
+  fill_input(views, parts, appearance);
   if (!as_graph) {
     return enqueue(grids, buffers, Measure::kStages, cudaEventRecordDefault, stream);
   }
@@ -107,7 +107,7 @@ Status FrameGraph::ensure_buffers(const Config& config) {
 }
 
 void FrameGraph::fill_input(std::span<const View> views, std::span<const Part> parts,
-                            int encoding) {
+                            Appearance appearance) {
   FrameInput frame{};
   std::uint32_t tiles = 0;
   for (std::size_t i = 0; i < views.size(); ++i) {
@@ -116,7 +116,8 @@ void FrameGraph::fill_input(std::span<const View> views, std::span<const Part> p
     input.camera = view.camera;
     input.centre = math::camera_centre(view.camera);
     input.background = view.background;
-    input.encoding = encoding;
+    input.encoding = appearance.encoding;
+    input.kernel = appearance.kernel;
     input.width = layouts_[i].width;
     input.height = layouts_[i].height;
     input.tiles_x = tiles_along(view.camera.width);

@@ -10,6 +10,7 @@
 #include "cuda/device_buffer.h"
 #include "cuda/frame_buffers.h"
 #include "stgs/player/cuda_renderer.h"
+#include "views.h"
 
 namespace stgs::player::cuda {
 
@@ -20,8 +21,7 @@ class FrameGraph {
   explicit FrameGraph(RendererMemory* memory)
       : staging_(memory), counters_(memory), input_(memory), images_(memory) {}
   // Starts rendering the parts. The previous frame must have completed.
-  // `encoding`: of the colours (math/colour.h).
-  Status start(std::span<const View> views, std::span<const Part> parts, int encoding,
+  Status start(std::span<const View> views, std::span<const Part> parts, Appearance appearance,
                int sh_degree, const Grids& grids, const FrameBuffers& buffers, bool as_graph,
                cudaStream_t stream);
   // Requires, like the following functions, that the stream has been synchronised.
@@ -61,7 +61,7 @@ class FrameGraph {
 
   void lay_out_images(std::span<const View> views);
   Status ensure_buffers(const Config& config);
-  void fill_input(std::span<const View> views, std::span<const Part> parts, int encoding);
+  void fill_input(std::span<const View> views, std::span<const Part> parts, Appearance appearance);
   Status capture(const Grids& grids, const FrameBuffers& buffers, cudaStream_t stream);
   // Enqueues all steps, with events between them.
   Status enqueue(const Grids& grids, const FrameBuffers& buffers, Measure measure,

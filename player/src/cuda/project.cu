@@ -74,12 +74,12 @@ __device__ bool find_active(const Part& part, std::uint32_t i, Active& out) {
 template <int kDegree>
 __device__ bool make_splat(const Active& active, const ViewInput& view, ScreenSplat& out) {
   const Vec3 position = active.position;
-  const float opacity = active.opacity;
   if (!(to_camera(view.camera, position).z >= view.camera.near_plane)) return false;
   const float4 c = __ldg(active.at.covariance + active.i);
   const float2 rest = __ldg(active.at.covariance_rest + active.i);
-  const Projection p =
-      project_gaussian(view.camera, position, {c.x, c.y, c.z, c.w, rest.x, rest.y});
+  const Projection p = project_gaussian(view.camera, position, {c.x, c.y, c.z, c.w, rest.x, rest.y},
+                                        screen_blur(view.kernel));
+  const float opacity = splat_opacity(view.kernel, active.opacity, p);
   const SplatBox box = splat_box(view.camera, p, opacity);
   if (!box.visible) return false;
   const Vec3 from_camera{position.x - view.centre.x, position.y - view.centre.y,

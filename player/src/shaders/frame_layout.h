@@ -96,6 +96,7 @@ struct ViewInput {
   Vec2 fovea;          // centre, pixels
   float fovea_radius;  // pixels
   int encoding;        // of the colours (math/colour.h)
+  int kernel;          // of the splats
 };
 
 // The input of a frame; its parts follow it. Each view has all chunks: splat s belongs to view

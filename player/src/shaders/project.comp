@@ -98,13 +98,14 @@ bool make_splat(uint v, Moved one, Arrays at, uint i, out SplatVectors splat) {
   covariance.yy = c.w;
   covariance.yz = rest.x;
   covariance.zz = rest.y;
-  Projection p = project_gaussian(camera, position, covariance);
-  SplatBox box = splat_box(camera, p, one.opacity);
+  Projection p = project_gaussian(camera, position, covariance, screen_blur(frame.view[v].kernel));
+  float opacity = splat_opacity(frame.view[v].kernel, one.opacity, p);
+  SplatBox box = splat_box(camera, p, opacity);
   if (box.visible == 0) return false;
   Vec3 centre = frame.view[v].centre, colour;
   Vec3 from_camera = vec3_of(position.x - centre.x, position.y - centre.y, position.z - centre.z);
   if (!colour_of(at, i, from_camera, colour)) return false;
-  ScreenSplat s = screen_splat(p, box.extent, one.opacity, colour);
+  ScreenSplat s = screen_splat(p, box.extent, opacity, colour);
   splat.a = vec4(s.mean.x, s.mean.y, s.falloff.xx, s.falloff.xy);
   splat.b = vec4(s.falloff.yy, s.peak, s.extent.x, s.extent.y);
   splat.c = vec4(s.colour.x, s.colour.y, s.colour.z, s.depth);

@@ -158,7 +158,7 @@ class ComputeRenderer final : public VulkanRenderer {
   Status prepare(Timeline& timeline, double seconds, const std::vector<View>& views,
                  RenderStats& stats) {
     const auto begin = Clock::now();
-    encoding_ = encoding_of(timeline.metadata());
+    appearance_ = appearance_of(timeline.metadata());
     STGS_ASSIGN(const auto refs, segments_.make_resident(timeline, seconds));
     parts_ = list_parts(segments_, refs);
     stats = {};
@@ -220,7 +220,10 @@ class ComputeRenderer final : public VulkanRenderer {
 
   FrameInput input_for(const std::vector<View>& views) const {
     FrameInput input = input_of(views, images_);
-    for (std::uint32_t i = 0; i < input.views; ++i) input.view[i].encoding = encoding_;
+    for (std::uint32_t i = 0; i < input.views; ++i) {
+      input.view[i].encoding = appearance_.encoding;
+      input.view[i].kernel = appearance_.kernel;
+    }
     input.chunks = parts_.chunks;
     input.instance_capacity = static_cast<std::uint32_t>(capacity());
     return input;
@@ -360,7 +363,7 @@ class ComputeRenderer final : public VulkanRenderer {
   std::array<ViewImage, kMaxViews> images_;
   FrameParts parts_;  // of the last frame
   int sh_degree_ = 0;
-  int encoding_ = 0;            // of the colours of the scene
+  Appearance appearance_;       // of the scene
   std::vector<View> rendered_;  // by the last successful draw()
   double bandwidth_ = 0;        // bytes/s; 0: not measured
   std::uint64_t number_ = 0;    // of the last submitted frame

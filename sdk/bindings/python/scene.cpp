@@ -168,6 +168,7 @@ void declare_info(py::module_& module) {
       .def_readonly("file_bytes", &Info::file_bytes)
       .def_readonly("memory_bytes", &Info::memory_bytes)
       .def_readonly("sh_degree", &Info::sh_degree)
+      .def_readonly("kernel", &Info::kernel)
       .def_property_readonly("has_start_camera",
                              [](const Info& i) { return i.has_start_camera != 0; })
       .def_property_readonly("bounds_min", [](const Info& i) { return list_of(i.bounds_min); })

@@ -58,6 +58,9 @@ typedef struct stgs_record_settings {
   const char* audio;           /* URI reference of the audio, relative to the location of the file,
                                 * up to 4096 bytes; NULL (default): none */
   double audio_begin;          /* start of the audio, seconds, -10^6 to 10^6; default 0 */
+  int32_t kernel;              /* that the primitives were trained for: 0 (default), dilated splats
+                                * as in 3DGS; 1, band-limited splats as in Mip-Splatting */
+  int32_t reserved;            /* 0 */
 } stgs_record_settings;
 
 /* Fills settings with the defaults. `struct_size` is sizeof(*settings). */

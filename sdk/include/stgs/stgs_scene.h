@@ -45,6 +45,8 @@ typedef struct stgs_scene_info {
   double audio_begin_seconds;     /* start of the audio, see STGS_TEXT_AUDIO */
   int32_t colour_primaries;       /* of the colours, ITU-T H.273: 1 is BT.709 */
   int32_t transfer_function;      /* of the colours, ITU-T H.273: 13 is sRGB */
+  int32_t kernel;                 /* of the splats: 0, dilated as in 3DGS; 1, band-limited */
+  int32_t reserved;               /* 0 */
 } stgs_scene_info;
 
 /* Returns the metadata of the scene. */

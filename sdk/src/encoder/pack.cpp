@@ -29,6 +29,7 @@ Outcome check(const stgs_pack_settings& s) {
   for (const float x : s.up) STGS_SDK_TRY(check_range(encoder::kUp, x));
   STGS_SDK_TRY(check_flag("has_floor", s.has_floor));
   STGS_SDK_TRY(check_flag("allow_outside", s.allow_outside));
+  STGS_SDK_TRY(check_flag("foreground", s.foreground));
   for (const float x : s.floor) STGS_SDK_TRY(check_range(encoder::kFloor, x));
   return {};
 }
@@ -45,6 +46,7 @@ encoder::PackSettings packing_of(const stgs_pack_settings& s) {
   copy_parameters<encoder::PackParameters>(s, settings);
   settings.against = text_of(s.against);
   settings.allow_outside = s.allow_outside != 0;
+  settings.foreground = s.foreground != 0;
   if (!is_zero(s.up)) settings.up = {s.up[0], s.up[1], s.up[2]};
   if (s.has_floor != 0) settings.floor = {s.floor[0], s.floor[1], s.floor[2]};
   if (s.audio != nullptr) settings.audio = s.audio;

@@ -71,6 +71,7 @@ Outcome check(const stgs_record_settings& s) {
   STGS_SDK_TRY(check_range("profile", s.profile, STGS_PROFILE_QUANTISED, STGS_PROFILE_DRACO));
   STGS_SDK_TRY(check_ranges<RecordParameters>(s));
   STGS_SDK_TRY(check_flag("sync", s.sync));
+  STGS_SDK_TRY(check_flag("kernel", s.kernel));
   STGS_SDK_TRY(check_range("threads", s.threads, 0, kMaxThreads));
   for (const float x : s.up) STGS_SDK_TRY(check_range(encoder::kUp, x));
   for (const float x : s.floor) STGS_SDK_TRY(check_range(encoder::kFloor, x));
@@ -109,6 +110,7 @@ Outcome copy_in_metadata(const stgs_record_settings& s, SceneMetadata& metadata)
   metadata.generator = fmt::format("libstgs_encoder {}.{}.{}", STGS_VERSION_MAJOR,
                                    STGS_VERSION_MINOR, STGS_VERSION_PATCH);
   metadata.title = text_of(s.title);
+  metadata.kernel = static_cast<std::uint8_t>(s.kernel);
   metadata.metres_per_unit = static_cast<float>(s.metres_per_unit);
   if (const double length = std::hypot(s.up[0], s.up[1], s.up[2]); length > 0) {
     for (int i = 0; i < 3; ++i) metadata.up[i] = static_cast<float>(s.up[i] / length);

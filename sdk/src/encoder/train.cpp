@@ -49,6 +49,7 @@ Outcome check(const stgs_train_settings& s) {
   STGS_SDK_TRY(check_frames(s.first_frame, s.end_frame));
   STGS_SDK_TRY(check_flag("allow_outside", s.allow_outside));
   STGS_SDK_TRY(check_flag("refine_cameras", s.refine_cameras));
+  STGS_SDK_TRY(check_flag("foreground", s.foreground));
   return check_parameters(s);
 }
 
@@ -66,6 +67,7 @@ encoder::TrainSettings training_of(const stgs_train_settings& s) {
   settings.frame_memory = s.frame_memory;
   settings.perceptual_weights = text_of(s.perceptual_weights);
   settings.refine_cameras = s.refine_cameras != 0;
+  settings.foreground = s.foreground != 0;
   for (std::uint32_t i = 0; i < s.parameter_count; ++i) {
     settings.overrides.emplace_back(s.parameters[i].name, s.parameters[i].value);
   }

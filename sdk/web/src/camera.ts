@@ -27,9 +27,9 @@ export const kViewFloats = 24;
 
 /**
  * Returns `view` of the shaders: the rows of the pose with the translation in w; (fx, fy, cx, cy);
- * (width, height, near plane, 0); the centre of the camera.
+ * (width, height, near plane, kernel of the splats); the centre of the camera.
  */
-export function viewUniforms(camera: Camera): Float32Array {
+export function viewUniforms(camera: Camera, kernel: number): Float32Array {
   const view = new Float32Array(kViewFloats);
   const r = camera.rotation;
   const t = camera.translation;
@@ -38,6 +38,6 @@ export function viewUniforms(camera: Camera): Float32Array {
   }
   view.set(centreOf(camera), 20);
   view.set([camera.fx, camera.fy, camera.cx, camera.cy], 12);
-  view.set([camera.width, camera.height, camera.near, 0], 16);
+  view.set([camera.width, camera.height, camera.near, kernel], 16);
   return view;
 }

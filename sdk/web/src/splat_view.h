@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The camera and the time of a frame, for the shaders of both renderers. The shader declares
 // `view`, six vectors: the rows of the pose with the translation in w; (fx, fy, cx, cy); (width,
-// height, near plane, 0); the centre of the camera.
+// height, near plane, kernel of the splats); the centre of the camera.
 #ifndef STGS_WEB_SPLAT_VIEW_H
 #define STGS_WEB_SPLAT_VIEW_H
 
@@ -21,6 +21,10 @@ STGS_FN PinholeCamera camera_of_view() {
   camera.height = view[4].y;
   camera.near_plane = view[4].z;
   return camera;
+}
+
+STGS_FN int kernel_of_view() {
+  return view[4].w == 1.0f ? kBandLimited : 0;
 }
 
 // Returns t - T, compensated for the rounding of t and of the difference.

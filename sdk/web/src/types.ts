@@ -18,6 +18,7 @@ export interface SceneInfo {
   frames: number;           // ticks
   shDegree: number;         // 0..3
   primitives: number;
+  kernel: number;           // of the splats, as the format defines it: 1, band-limited; 0, as in 3DGS
   boundsMin: number[]; boundsMax: number[];  // 3, scene units
   up: number[] | null;      // 3, unit vector against gravity; null: unknown
   metresPerUnit: number | null;  // > 0; null: unknown

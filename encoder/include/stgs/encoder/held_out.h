@@ -39,7 +39,7 @@ class HeldOutViews {
   // Renders the set over `background` (sRGB-encoded), clamps to [0,1] and compares with the ground
   // truth. Uses all threads; the result does not depend on their number. Throws std::length_error
   // under the same conditions as bin().
-  HeldOutScore evaluate(const Gaussians4D& set, math::Vec3 background) const;
+  HeldOutScore evaluate(const Gaussians4D& set, math::Vec3 background, int kernel) const;
 
  private:
   struct View {

@@ -37,6 +37,7 @@ struct PackSettings {
   // for a single scene only, not for windows.
   std::string against;
   bool allow_outside = false;  // links in `against` may lead out of it
+  bool foreground = false;     // the scene was trained with TrainSettings::foreground
   // Metadata to write in place of the scene's; unset or 0: the scene's.
   double metres_per_unit = 0;
   std::optional<std::array<float, 3>> up;     // against gravity, of any length but 0

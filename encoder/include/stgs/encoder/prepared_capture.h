@@ -9,6 +9,7 @@
 //   report/                 index.html and its images, for visual inspection
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -66,6 +67,8 @@ struct PreparedCapture {
   // Set if this object describes a window of the capture (windows.h). Frame 0 is then the first
   // frame of the window, for frame_path and mask_path too.
   std::optional<CaptureWindow> window;
+  // Not stored. If set, frames have this RGB colour wherever their masks are below 128.
+  std::optional<std::array<std::uint8_t, 3>> behind_masks;
 
   // Returns the number of frames in the folder that precede frame 0.
   int frame_offset() const { return window ? static_cast<int>(window->first_frame) : 0; }
@@ -75,6 +78,9 @@ struct PreparedCapture {
   std::string frame_path(const Camera& camera, int frame) const;
   std::string mask_path(const Camera& camera, int frame) const;
 };
+
+// The colour behind the foreground in ground truth, as players show a scene without a background.
+inline constexpr std::array<std::uint8_t, 3> kBehindForeground = {0, 0, 0};
 
 // An initial point. Static points have velocity 0 and frame -1.
 struct InitialPoint {
@@ -102,10 +108,13 @@ Result<std::unique_ptr<ByteSource>> open_file_of(const PreparedCapture& capture,
 Status write_prepared_capture(const PreparedCapture& capture);
 
 // Decodes a frame to RGB. An error names file, camera and frame; a size other than the camera's is
-// kInvalidFile.
+// kInvalidFile, and so is a missing mask with capture.behind_masks.
 Result<Image8> load_frame(const PreparedCapture& capture, const Camera& camera, int frame);
 // Decodes a motion mask: one channel, 255 = moving. Returns an empty image if there is no mask.
 Result<Image8> load_mask(const PreparedCapture& capture, const Camera& camera, int frame);
+
+// Returns whether there is a mask of the camera's first frame.
+bool has_mask(const PreparedCapture& capture, const Camera& camera);
 
 // Reads initial points from a binary little-endian PLY file. kInvalidFile for non-finite values.
 Result<std::vector<InitialPoint>> read_points(const std::string& path);

@@ -13,11 +13,14 @@
 #include "backend/cpu/rank_step.h"
 #include "backend/cpu/regularisers.h"
 #include "backend/cpu/surface.h"
+#include "math/scale_limit.h"
 #include "perceptual/perceptual_loss.h"
 #include "stgs/format/math/blend.h"
 #include "stgs/format/parallel.h"
 #include "stgs/format/raster.h"
+#include "stgs/format/raster_view.h"
 #include "train/colour_correction.h"
+#include "train/colour_inverse.h"
 #include "train/coupled_state.h"
 #include "train/image_loss.h"
 #include "train/normal_loss.h"
@@ -50,6 +53,7 @@ class CpuBackend final : public TrainBackend {
   std::size_t size() const override { return state_->size(); }
   Status synchronise() override { return {}; }
   std::size_t abandon() override { return 0; }
+  Status limit_scales(std::span<const math::PinholeCamera> cameras, float pixels) override;
   Result<std::optional<std::vector<float>>> importance(
       std::span<const ImportanceView> views,
       const std::function<bool(double)>& should_continue) override {
@@ -121,7 +125,12 @@ double CpuBackend::evaluate_normals(const StepInput& input, const RasterSettings
 Status CpuBackend::step(const StepInput& input) {
   RasterSettings settings;
   settings.max_sh_degree = input.sh_degree;
+  settings.kernel = input.kernel;
   settings.background = input.background;
+  if (input.background_is_mapped) {
+    settings.background =
+        before_colour_map(state_->colour[input.colour_index].data(), input.background);
+  }
   begin_frame(input.camera, frame_);
   slice(rendered(), input.ticks, input.camera, settings, 0, frame_);
   if (input.drop_share > 0) {
@@ -186,6 +195,27 @@ Result<DensifyCounts> CpuBackend::densify(const DensifyInput& input) {
   }
   state_->derive_all(input.context.modulated);
   return counts;
+}
+
+Status CpuBackend::limit_scales(std::span<const math::PinholeCamera> cameras, float pixels) {
+  TrainState& state = *state_;
+  parallel_blocks(std::size_t{0}, state.size(), cpu::kBlock,
+                  [&](std::size_t first, std::size_t last) {
+                    for (std::size_t i = first; i < last; ++i) {
+                      const math::Vec3 position = raster::read3(state.set.position, i);
+                      float rate = 0;
+                      for (const math::PinholeCamera& camera : cameras)
+                        rate = std::max(rate, math::sampling_rate(camera, position));
+                      if (!(rate > 0)) continue;
+                      const float least = std::log(pixels / rate);
+                      for (int k = 0; k < 3; ++k) {
+                        float& log_scale = state.set.log_scale[3 * i + k];
+                        log_scale = std::max(log_scale, least);
+                      }
+                    }
+                  });
+  round();
+  return {};
 }
 
 void CpuBackend::update(const StepInput& input) {

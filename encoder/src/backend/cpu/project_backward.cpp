@@ -65,8 +65,10 @@ void splat_backward(const Gaussians4D& set, const View& view, const Splat& splat
   const Quat rotation{r[0], r[1], r[2], r[3]};
 
   const Sym3 covariance = covariance_of(rotation, scale);
+  const SplatShapeGrad by_shape{grad.mean, grad.conic,
+                                view.kernel == kBandLimited ? grad.opacity * splat.opacity : 0.0f};
   const ProjectionGrad by_projection =
-      project_gaussian_grad(view.camera, position, covariance, splat.conic, grad.mean, grad.conic);
+      project_gaussian_grad(view.camera, position, covariance, splat.conic, by_shape);
   const CovarianceGrad by_covariance = covariance_grad(rotation, scale, by_projection.covariance);
   const Vec3 from_camera{position.x - view.centre.x, position.y - view.centre.y,
                          position.z - view.centre.z};
@@ -74,13 +76,16 @@ void splat_backward(const Gaussians4D& set, const View& view, const Splat& splat
                                          grad.colour, &out.sh[s * 3 * view.coefficients]);
   if (out.with_camera) {
     add_camera(project_gaussian_camera_grad(view.camera, position, covariance, splat.conic,
-                                            grad.mean, grad.conic, by_projection, by_colour),
+                                            by_shape, by_projection, by_colour),
                camera);
   }
   const MotionGrad by_motion = position_at_grad(u, dt, vec3_add(by_projection.position, by_colour));
   const float opacity = opacity_of(set.opacity_logit[i]);
+  // The splat's opacity is proportional to l(t) and to O. It is rendered, so neither is 0.
+  const float by_log_opacity = grad.opacity * splat.opacity;
+  const float sigma = set.sigma[i], radius = set.radius[i];
   const VisibilityGrad by_visibility =
-      visibility_grad(dt, set.sigma[i], set.radius[i], grad.opacity * opacity);
+      visibility_grad(dt, sigma, radius, by_log_opacity / visibility(dt, sigma, radius));
 
   write3(out.position, s, by_motion.position);
   write3(out.velocity, s, by_motion.u);
@@ -92,8 +97,7 @@ void splat_backward(const Gaussians4D& set, const View& view, const Splat& splat
   out.rotation[4 * s + 1] = by_covariance.rotation.x;
   out.rotation[4 * s + 2] = by_covariance.rotation.y;
   out.rotation[4 * s + 3] = by_covariance.rotation.z;
-  // O_t = O l, so l = O_t / O; a rendered splat has O >= threshold, so O is not 0.
-  out.opacity_logit[s] = grad.opacity * (splat.opacity / opacity) * opacity_grad(opacity);
+  out.opacity_logit[s] = by_log_opacity / opacity * opacity_grad(opacity);
   out.time[s] = -(by_motion.dt + by_visibility.dt);
   out.sigma[s] = by_visibility.sigma;
   out.radius[s] = by_visibility.radius;

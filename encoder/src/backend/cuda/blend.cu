@@ -98,9 +98,9 @@ __global__ void __launch_bounds__(kWarps * 32) blend(const View view, const Work
   }
   if (!inside) return;
   const std::size_t p = static_cast<std::size_t>(y) * view.width + x;
-  w.image[p] = make_float4(fmaf(transmittance, view.background.x, red),
-                           fmaf(transmittance, view.background.y, green),
-                           fmaf(transmittance, view.background.z, blue), transmittance);
+  const math::Vec3 behind = background_of(view);
+  w.image[p] = make_float4(fmaf(transmittance, behind.x, red), fmaf(transmittance, behind.y, green),
+                           fmaf(transmittance, behind.z, blue), transmittance);
   w.last[p] = last;
   if (kPlanes) w.surface[p] = surface;
 }

@@ -94,7 +94,8 @@ __device__ Pixel load_pixel(int x, int y, int end, std::size_t checkpoint, const
   p.transmittance = image.w;
   p.last = static_cast<int>(w.last[at]);
   if (p.last <= end) {
-    p.behind = d.x * view.background.x + d.y * view.background.y + d.z * view.background.z;
+    const math::Vec3 background = background_of(view);
+    p.behind = d.x * background.x + d.y * background.y + d.z * background.z;
     return p;
   }
   checkpoint += (y & (kTile - 1)) * kTile + (x & (kTile - 1));

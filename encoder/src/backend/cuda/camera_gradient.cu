@@ -12,7 +12,8 @@ using namespace math;
 __device__ CameraGrad camera_gradient_of(const Primitives& p, std::uint32_t i, const View& view,
                                          const ScreenSplat& splat, const FloatSums<kSums>& sums) {
   const Sym2 conic = conic_of(splat.falloff);
-  const SplatGradient grad = splat_gradient(sums, conic, exp2f(splat.peak));
+  const float opacity = exp2f(splat.peak);
+  const SplatGradient grad = splat_gradient(sums, conic, opacity);
   const Pose pose = pose_of(load_values(p, i), view);
   const Vec3 from_camera{pose.position.x - view.centre.x, pose.position.y - view.centre.y,
                          pose.position.z - view.centre.z};
@@ -21,10 +22,11 @@ __device__ CameraGrad camera_gradient_of(const Primitives& p, std::uint32_t i, c
                                       view.coefficients, vec3_scale(from_camera, inverse_length),
                                       inverse_length, unclamped(splat, grad.colour));
   const Sym3 covariance = covariance_of(pose.rotation, pose.scale);
+  const SplatShapeGrad by_shape = shape_gradient(view, grad, opacity);
   const ProjectionGrad by_projection =
-      project_gaussian_grad(view.camera, pose.position, covariance, conic, grad.mean, grad.conic);
-  return project_gaussian_camera_grad(view.camera, pose.position, covariance, conic, grad.mean,
-                                      grad.conic, by_projection, by_colour);
+      project_gaussian_grad(view.camera, pose.position, covariance, conic, by_shape);
+  return project_gaussian_camera_grad(view.camera, pose.position, covariance, conic, by_shape,
+                                      by_projection, by_colour);
 }
 
 __global__ void __launch_bounds__(kUpdateBlock)

@@ -324,6 +324,13 @@ Result<std::vector<StepOutput>> CudaBackend::read() {
   return outputs;
 }
 
+Status CudaBackend::limit_scales(std::span<const math::PinholeCamera> cameras, float pixels) {
+  STGS_TRY(collect(true));
+  launch_limit_scales(device_.primitives(), cameras, pixels, stream_);
+  device_.round(stream_);
+  return cuda_status(cudaGetLastError(), "limiting the scales");
+}
+
 Status CudaBackend::synchronise() {
   STGS_TRY(collect(true));
   return device_.download(*state_, stream_);
@@ -333,6 +340,7 @@ Status CudaBackend::accumulate_importance(const ImportanceView& view, unsigned l
   StepInput input;
   input.camera = view.camera;
   input.ticks = view.ticks;
+  input.kernel = view.kernel;
   for (;;) {
     STGS_ASSIGN(const std::size_t capacity, reserve_step(input));
     STGS_ASSIGN(const Counters counters,

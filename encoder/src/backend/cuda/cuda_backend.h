@@ -38,6 +38,7 @@ class CudaBackend final : public TrainBackend {
   std::size_t size() const override { return device_.primitives().n; }
   Result<std::vector<StepOutput>> read() override;
   Status synchronise() override;
+  Status limit_scales(std::span<const math::PinholeCamera> cameras, float pixels) override;
   std::size_t abandon() override;
   Result<std::optional<std::vector<float>>> importance(
       std::span<const ImportanceView> views,

@@ -5,6 +5,7 @@
 #include "backend/cuda/kernels.h"
 #include "stgs/format/math/cuda.cuh"
 #include "train/adam.h"
+#include "train/colour_inverse.h"
 
 namespace stgs::encoder::cuda {
 
@@ -17,6 +18,12 @@ using math::warp_sum;
 
 __device__ inline math::Vec3 read3(const float* array, std::uint32_t i) {
   return {array[3 * i], array[3 * i + 1], array[3 * i + 2]};
+}
+
+// The background of the rendered colours, before the colour map.
+__device__ inline math::Vec3 background_of(const View& view) {
+  if (view.background_map == nullptr) return view.background;
+  return before_colour_map(view.background_map, view.background);
 }
 
 // Returns log2 of the splat's alpha at an offset from its mean, before clamping at kAlphaMax.

@@ -8,6 +8,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <span>
 
 #include "stgs/format/math/screen_splat.h"
 #include "train/random.h"
@@ -85,9 +86,12 @@ struct View {
   math::Vec3 centre;  // of the camera, world space
   float ticks = 0;
   math::Vec3 background{0, 0, 0};
+  // Not null: the background is that of the image after this colour map, in device memory.
+  const float* background_map = nullptr;
   float drop_share = 0;  // fraction of the primitives to drop, see dropped()
   Random drop_random{0, 0, RandomPurpose::kDrop};
   int coefficients = 1;  // SH coefficients evaluated
+  int kernel = 0;        // of the splats
   int width = 0, height = 0;
   int tiles_x = 0, tiles_y = 0;
   bool planes = false;  // L_n is on; the primitives' planes are blended too
@@ -202,6 +206,9 @@ void launch_bin(std::uint32_t n, const View& view, std::size_t bound, const Work
 void launch_blend(const View& view, const Workspace& w, cudaStream_t stream);
 // Adds each primitive's squared blend weights at the pixels of the view, times kImportanceOne, to
 // `sums` (train/importance.h). The sums are integers, so the order of summation does not matter.
+// As TrainBackend::limit_scales, on the learnt values.
+void launch_limit_scales(const Primitives& p, std::span<const math::PinholeCamera> cameras,
+                         float pixels, cudaStream_t stream);
 void launch_importance(const View& view, unsigned long long* sums, const Workspace& w,
                        cudaStream_t stream);
 // Computes d_image, ssim_sums and loss_sums of the image corrected by `colour_map` (12 floats).

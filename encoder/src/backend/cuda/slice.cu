@@ -42,14 +42,16 @@ __device__ bool make_splat(const Primitives& p, std::uint32_t i, const View& vie
   if (beyond > 0.0f && beyond * beyond > kReachMax * sigma * sigma) return false;
   const Vec3 position = position_at(read3(p.rendered.position, i), read3(p.rendered.u, i), dt);
   if (!(to_camera(view.camera, position).z >= view.camera.near_plane)) return false;
-  const float opacity = opacity_of(p.rendered.opacity[i]) * visibility(dt, sigma, radius);
-  if (!(opacity >= kAlphaThreshold)) return false;
+  const float opacity_t = opacity_of(p.rendered.opacity[i]) * visibility(dt, sigma, radius);
+  if (!(opacity_t >= kAlphaThreshold)) return false;
 
   const Vec3 log_scale = read3(p.rendered.log_scale, i);
   const float4 r = reinterpret_cast<const float4*>(p.rendered.rotation)[i];
   const Sym3 covariance = covariance_of({r.x, r.y, r.z, r.w},
                                         {expf(log_scale.x), expf(log_scale.y), expf(log_scale.z)});
-  const Projection q = project_gaussian(view.camera, position, covariance);
+  const Projection q =
+      project_gaussian(view.camera, position, covariance, screen_blur(view.kernel));
+  const float opacity = splat_opacity(view.kernel, opacity_t, q);
   const SplatBox box = splat_box(view.camera, q, opacity);
   if (!box.visible) return false;
   const Vec3 from_camera{position.x - view.centre.x, position.y - view.centre.y,

@@ -68,7 +68,7 @@ struct SplatGradient {
   Vec2 mean;
   Sym2 conic;
   Vec3 colour;
-  float opacity;  // dL/dO_t
+  float opacity;  // of the splat
   Vec2 abs_mean;
   float error;
 };
@@ -83,6 +83,11 @@ __device__ inline SplatGradient splat_gradient(const Sums& s, Sym2 conic, float 
   g.conic = {0.5f * s.v[7], s.v[8], 0.5f * s.v[9]};
   g.abs_mean = {s.v[10] / kLog2E, s.v[11] / kLog2E};
   return g;
+}
+
+__device__ inline math::SplatShapeGrad shape_gradient(const View& view, const SplatGradient& g,
+                                                      float opacity) {
+  return {g.mean, g.conic, view.kernel == math::kBandLimited ? g.opacity * opacity : 0.0f};
 }
 
 // Returns the gradient of a colour before it is clamped at 0.

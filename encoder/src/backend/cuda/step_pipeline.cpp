@@ -15,6 +15,7 @@ View view_of(const StepInput& input, int stored_coefficients) {
   view.drop_share = input.drop_share;
   view.drop_random = input.drop_random;
   view.coefficients = std::min((input.sh_degree + 1) * (input.sh_degree + 1), stored_coefficients);
+  view.kernel = input.kernel;
   view.width = static_cast<int>(input.camera.width);
   view.height = static_cast<int>(input.camera.height);
   view.tiles_x = (view.width + kTile - 1) / kTile;
@@ -273,11 +274,12 @@ Status StepPipeline::enqueue(const DeviceState& state, const StepInput& input,
                              const std::uint8_t* ground_truth, std::size_t instances,
                              StepRecord* record, cudaStream_t stream) {
   const Primitives& primitives = state.primitives();
-  const View view = view_of(input, primitives.sh_coefficients);
+  View view = view_of(input, primitives.sh_coefficients);
   const LossWeights weights{input.weight_l1, input.weight_ssim, input.weight_normal,
                             input.weight_perceptual};
   const auto index = static_cast<std::uint32_t>(input.colour_index);
   const float* map = state.colour().map + kIdentityColour.size() * input.colour_index;
+  if (input.background_is_mapped) view.background_map = map;
   const Workspace& w = workspace_;
   stage("begin");
   launch_slice(primitives, view, w, stream);

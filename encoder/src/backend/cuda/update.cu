@@ -59,10 +59,11 @@ struct PoseGradient {
 // `by_colour`: the gradient of the position through the colour.
 template <bool kPlanes>
 __device__ PoseGradient pose_gradient(const View& view, const VisiblePrimitive& own,
-                                      const Pose& pose, const SplatGradient& grad, Vec3 by_colour) {
+                                      const Pose& pose, const SplatShapeGrad& grad,
+                                      Vec3 by_colour) {
   const ProjectionGrad by_projection =
       project_gaussian_grad(view.camera, pose.position, covariance_of(pose.rotation, pose.scale),
-                            conic_of(own.splat.falloff), grad.mean, grad.conic);
+                            conic_of(own.splat.falloff), grad);
   PoseGradient out{vec3_add(by_projection.position, by_colour), by_projection.covariance,
                    covariance_grad(pose.rotation, pose.scale, by_projection.covariance)};
   if constexpr (kPlanes) {
@@ -125,8 +126,8 @@ __device__ PrimitiveTerms primitive_gradients(const Primitives& p, std::uint32_t
                                               const VisiblePrimitive& own, const View& view,
                                               const UpdateSettings& settings, float inverse_count,
                                               float* stage) {
-  const float opacity_t = exp2f(own.splat.peak);  // O_t
-  const SplatGradient grad = splat_gradient(own.sums, conic_of(own.splat.falloff), opacity_t);
+  const float splat_opacity = exp2f(own.splat.peak);
+  const SplatGradient grad = splat_gradient(own.sums, conic_of(own.splat.falloff), splat_opacity);
   const float sigma = own.values.sigma, radius = own.values.radius;
   const Vec3 log_scale = own.values.log_scale;
   const Pose pose = pose_of(own.values, view);
@@ -135,15 +136,19 @@ __device__ PrimitiveTerms primitive_gradients(const Primitives& p, std::uint32_t
   const Vec3 by_colour =
       colour_backward(p.rendered.sh + std::size_t{3} * p.sh_coefficients * i, view.coefficients,
                       from_camera, own.splat, grad.colour, stage);
-  const PoseGradient by_pose = pose_gradient<kPlanes>(view, own, pose, grad, by_colour);
+  const float by_log_opacity = grad.opacity * splat_opacity;
+  const PoseGradient by_pose =
+      pose_gradient<kPlanes>(view, own, pose, shape_gradient(view, grad, splat_opacity), by_colour);
   const MotionGrad by_motion = position_at_grad(own.values.u, pose.dt, by_pose.position);
   const float opacity = opacity_of(own.values.logit);
+  // The splat's opacity is proportional to l(t) and to O. It is rendered, so neither is 0.
+  const float visible = visibility(pose.dt, sigma, radius);
   const VisibilityGrad by_visibility =
-      visibility_grad(pose.dt, sigma, radius, grad.opacity * opacity);
+      visibility_grad(pose.dt, sigma, radius, by_log_opacity / visible);
   Vec3 by_velocity = by_motion.u;
   if (settings.modulated) by_velocity = effective_velocity_grad(sigma, radius, by_velocity);
-  const Regularisers terms = regularisers_of(settings, own.values, pose.scale, opacity,
-                                             visibility(pose.dt, sigma, radius), inverse_count);
+  const Regularisers terms =
+      regularisers_of(settings, own.values, pose.scale, opacity, visible, inverse_count);
   const Vec3 by_scale = by_pose.factors.scale, scale = pose.scale;
   Vec3 d_scale{by_scale.x * scale.x, by_scale.y * scale.y, by_scale.z * scale.z};
   // The covariance's gradient includes the scales already; only the regulariser is added here.
@@ -154,7 +159,7 @@ __device__ PrimitiveTerms primitive_gradients(const Primitives& p, std::uint32_t
   write3(stage + kByPosition, by_motion.position);
   write3(stage + kByLogScale, d_scale);
   write4(stage + kByRotation, by_pose.factors.rotation);
-  stage[kByOpacity] = grad.opacity * (opacity_t / opacity) * opacity_grad(opacity) + terms.d_logit;
+  stage[kByOpacity] = by_log_opacity / opacity * opacity_grad(opacity) + terms.d_logit;
   stage[kByTime] = -(by_motion.dt + by_visibility.dt);
   if constexpr (kCoupled) {
     write_coupled(stage,

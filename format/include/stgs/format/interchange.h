@@ -19,6 +19,7 @@
 
 #include "stgs/format/byte_source.h"
 #include "stgs/format/gaussian4d.h"
+#include "stgs/format/math/project.h"
 #include "stgs/format/scene_file.h"
 #include "stgs/format/status.h"
 
@@ -31,6 +32,8 @@ using ConversionNotes = std::vector<std::string>;
 // location"; "" if there is none. `camera`: the name of the start camera in the list. `described`:
 // whether the list includes the title and the metres per unit.
 std::string list_metadata(const SceneMetadata& metadata, const char* camera, bool described);
+// Adds a note if splats of this kernel look different in viewers of a format that states none.
+void note_kernel(int kernel, const char* format, ConversionNotes* notes);
 
 // Makes primitives static and fully visible over a clip of `frames` ticks: T = frames / 2, u = 0,
 // sigma = 1, r = frames.
@@ -82,7 +85,9 @@ Result<Scene> read_spz(const ByteSource& source, const ReadLimits& limits = {},
 // - log scales to [-10, 5.94]
 // - colours to [-0.44, 1.44]
 // - SH to [-1, 1]
-Result<std::vector<std::uint8_t>> write_spz(Gaussians4D set, ConversionNotes* notes = nullptr);
+// The file states whether its splats are band-limited (`kernel`).
+Result<std::vector<std::uint8_t>> write_spz(Gaussians4D set, ConversionNotes* notes = nullptr,
+                                            int kernel = math::kDilated);
 
 // Writes binary glTF (.glb) with KHR_gaussian_splatting, all attributes as floats. Axes: x left,
 // y up, z forward. kUnsupported for a set without primitives, and for one that exceeds the 4 GiB of

@@ -51,7 +51,8 @@ struct InterchangeFormat {
                              const ReadLimits& limits, ImportReport& report);
   // Writes a static set. Null if the format is only read. `notes`, which may be null, receives
   // changes beyond the format's precision.
-  Result<std::vector<std::uint8_t>> (*write)(const Gaussians4D& set, ConversionNotes* notes);
+  Result<std::vector<std::uint8_t>> (*write)(const Gaussians4D& set, int kernel,
+                                             ConversionNotes* notes);
   SettingsKind settings_kind = kNone;
   // Writes a complete scene; null for formats without time. `order`, unless null, receives for each
   // primitive of the file its index in the scene, from which some may be omitted; only formats with

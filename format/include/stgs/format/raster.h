@@ -93,6 +93,7 @@ struct RasterSettings {
   std::optional<Fovea> fovea;               // none: full resolution everywhere
   bool scalar = false;    // use the scalar reference target instead of the vector unit
   int max_sh_degree = 3;  // SH above this degree are ignored
+  int kernel = 0;         // of the splats (representation 3.4, 3.7)
 };
 
 // Starts a frame of the camera's size, without splats. This and the following functions throw

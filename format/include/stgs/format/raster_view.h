@@ -19,13 +19,17 @@ struct View {
   double t;           // ticks, counted as set.time
   int coefficients;   // SH coefficients to evaluate, per channel
   int stride;         // floats per primitive in set.sh
+  int kernel;         // of the splats
 };
 
 inline View view_of(const Gaussians4D& set, double t, const math::PinholeCamera& camera,
                     const RasterSettings& settings) {
-  return {camera, math::camera_centre(camera), t,
+  return {camera,
+          math::camera_centre(camera),
+          t,
           math::sh_coefficients(std::clamp(settings.max_sh_degree, 0, set.sh_degree)),
-          3 * set.sh_coefficients()};
+          3 * set.sh_coefficients(),
+          settings.kernel};
 }
 
 // Returns entry i of an N x 3 array.

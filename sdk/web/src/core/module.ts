@@ -197,6 +197,7 @@ export interface CoreInfo {
   frames: number;
   shDegree: number;
   primitives: number;
+  kernel: number;
   boundsMin: number[];
   boundsMax: number[];
   background: number[];

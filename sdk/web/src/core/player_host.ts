@@ -333,13 +333,13 @@ function codeOf(error: unknown): ErrorCode {
 }
 
 function sceneInfo(info: CoreInfo, url: string): SceneInfo {
-  const { title, duration, tickSeconds, frames, shDegree, primitives, boundsMin, boundsMax, background, startCamera, tierPrimitives } = info;
+  const { title, duration, tickSeconds, frames, shDegree, primitives, kernel, boundsMin, boundsMax, background, startCamera, tierPrimitives } = info;
   const up = info.up.some((v) => v !== 0) ? info.up : null;
   const metresPerUnit = info.metresPerUnit > 0 ? info.metresPerUnit : null;
   const floor = up !== null ? info.floor : null;
   const audio = info.audio !== "" ? { location: info.audio, begin: info.audioBegin, base: url } : null;
   return {
-    title, duration, tickSeconds, frames, shDegree, primitives, boundsMin, boundsMax, up, metresPerUnit, floor, background, startCamera,
+    title, duration, tickSeconds, frames, shDegree, primitives, kernel, boundsMin, boundsMax, up, metresPerUnit, floor, background, startCamera,
     tierPrimitives, audio,
   };
 }

@@ -6,6 +6,7 @@ import type { SplatRenderer } from "../webgpu";
 export class DeferredSplats implements SegmentSink {
   private target: SplatRenderer | null = null;
   private readonly segments = new Map<number, PackedSegment>(); // until the renderer is ready
+  private info: SceneInfo | null = null;
   private isDestroyed = false;
 
   /** Calls `onReady` once the renderer, which belongs to this object, can draw; `onError` if it cannot be created. */
@@ -19,6 +20,7 @@ export class DeferredSplats implements SegmentSink {
         return;
       }
       this.target = renderer;
+      if (this.info !== null) renderer.setScene(this.info);
       for (const segment of this.segments.values()) renderer.addSegment(segment);
       this.segments.clear();
       onReady(renderer);
@@ -40,9 +42,10 @@ export class DeferredSplats implements SegmentSink {
     return this.target?.maxPrimitives ?? Infinity;
   }
 
-  setScene(_info: SceneInfo): void {
+  setScene(info: SceneInfo): void {
+    this.info = info;
     this.segments.clear();
-    this.target?.setScene();
+    this.target?.setScene(info);
   }
 
   addSegment(segment: PackedSegment): void {

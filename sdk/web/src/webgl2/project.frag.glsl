@@ -117,7 +117,9 @@ bool make_splat(Arrays at, uint i, float ticks, float ticks_rest, out ScreenSpla
                   vec3_of(velocity_opacity.x, velocity_opacity.y, velocity_opacity.z), dt);
   PinholeCamera camera = camera_of_view();
   if (!(to_camera(camera, position).z >= camera.near_plane)) return false;
-  Projection p = project_gaussian(camera, position, covariance_at(at, i));
+  int kernel = kernel_of_view();
+  Projection p = project_gaussian(camera, position, covariance_at(at, i), screen_blur(kernel));
+  opacity = splat_opacity(kernel, opacity, p);
   SplatBox box = splat_box(camera, p, opacity);
   if (box.visible == 0) return false;
   Vec3 from_camera =

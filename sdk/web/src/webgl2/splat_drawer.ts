@@ -40,6 +40,13 @@ export function imageOutput(height: number, bind: () => void): SplatOutput {
   return { bind, left: 0, top: height, depth: [0, 0, 0], isLinear: false };
 }
 
+/** What an image shows. */
+export interface SplatImage {
+  camera: Camera;
+  ticks: number;
+  kernel: number; // of the splats
+}
+
 /** The GPU objects of a scene but its orders, and the drawing of its splats. */
 export class SplatDrawer {
   readonly atlas: Atlas;
@@ -67,20 +74,20 @@ export class SplatDrawer {
    * the depth test and the scissor test are those of the caller.
    */
   draw(
-    camera: Camera, ticks: number, drawn: readonly Drawn[], bases: readonly number[],
+    image: SplatImage, drawn: readonly Drawn[], bases: readonly number[],
     output: SplatOutput, order: OrderTextures,
   ): void {
     const { gl } = this;
     if (order.count === 0 || !this.records.holds(order.count)) return;
     const hasScissor = gl.isEnabled(gl.SCISSOR_TEST);
-    this.uploadSegments(ticks, drawn, bases);
+    this.uploadSegments(image.ticks, drawn, bases);
     for (let first = 0; first < order.count; first += kMaxRecords) {
       const count = Math.min(kMaxRecords, order.count - first);
       if (hasScissor) gl.disable(gl.SCISSOR_TEST);
-      this.project(camera, output.isLinear, order, first, count);
+      this.project(image, output.isLinear, order, first, count);
       output.bind();
       if (hasScissor) gl.enable(gl.SCISSOR_TEST);
-      this.blend(camera, output, count);
+      this.blend(image.camera, output, count);
     }
   }
 
@@ -94,11 +101,11 @@ export class SplatDrawer {
 
   /** Computes the splats of `count` entries of the order, without blending. */
   private project(
-    camera: Camera, isLinear: boolean, order: OrderTextures, first: number, count: number,
+    { camera, kernel }: SplatImage, isLinear: boolean, order: OrderTextures, first: number, count: number,
   ): void {
     const { gl, projection } = this;
     gl.useProgram(projection.handle);
-    gl.uniform4fv(projection.at("view[0]"), viewUniforms(camera));
+    gl.uniform4fv(projection.at("view[0]"), viewUniforms(camera, kernel));
     gl.uniform1i(projection.at("is_linear"), isLinear ? 1 : 0);
     gl.uniform1ui(projection.at("first_row"), first / kRecordRow);
     gl.uniform1ui(projection.at("count"), count);

@@ -48,6 +48,7 @@ export class SplatScene {
   private orders: [ViewOrder, ...ViewOrder[]] = [new ViewOrder()];
   private failure: Error | null = null; // of the sorter; final
   private tickSeconds = 1 / 30;
+  private kernel = 0; // of the splats
   private requested = 0; // number of the view whose order was requested last
   private inFlight: { target: ViewOrder; exact: ExactView | null } | null = null;
   private isOutdated = false; // the reply in flight precedes the restored words
@@ -70,6 +71,7 @@ export class SplatScene {
   /** Removes all segments: those of another scene have other ids. */
   setScene(info: SceneInfo): void {
     this.tickSeconds = info.tickSeconds;
+    this.kernel = info.kernel;
     for (const id of this.residents.ids()) this.removeSegment(id);
     this.residents.clear(); // the current order does not show those that it still names
   }
@@ -138,7 +140,7 @@ export class SplatScene {
     const { order, textures } = own.order === null ? this.orders[0] : own;
     if (this.drawer === null || order === null || textures === null) return;
     const drawn = this.residents.list(order.keys);
-    this.drawer.draw(camera, ticks, drawn, order.bases, output, textures);
+    this.drawer.draw({ camera, ticks, kernel: this.kernel }, drawn, order.bases, output, textures);
   }
 
   /** The context is lost: its objects do not exist any more. */

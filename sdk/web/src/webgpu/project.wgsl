@@ -138,14 +138,16 @@ fn make_splat(at: Segment, i: u32, gaussian: Gaussian, record: u32) -> u32 {
   let position = gaussian.position;
   let camera = camera_of_view();
   if (!(to_camera(camera, position).z >= camera.near_plane)) { return kHole; }
-  let p = project_gaussian(camera, position, covariance_at(at, i));
-  let box = splat_box(camera, p, gaussian.opacity);
+  let kernel = kernel_of_view();
+  let p = project_gaussian(camera, position, covariance_at(at, i), screen_blur(kernel));
+  let opacity = splat_opacity(kernel, gaussian.opacity, p);
+  let box = splat_box(camera, p, opacity);
   if (box.visible == 0) { return kHole; }
   let colour = colour_of(at, i, vec3_of(position.x - view[5].x, position.y - view[5].y,
                                         position.z - view[5].z));
   if (!colour.is_valid) { return kHole; }
   let rgb = vec3_of(colour.rgb.x, colour.rgb.y, colour.rgb.z);
-  records[record] = record_of(screen_splat(p, box.extent, gaussian.opacity, rgb));
+  records[record] = record_of(screen_splat(p, box.extent, opacity, rgb));
   return bitcast<u32>(p.depth);
 }
 

@@ -62,7 +62,7 @@ class WebGpuRenderer implements Renderer {
   setScene(info: SceneInfo): void {
     const [red, green, blue] = info.background as [number, number, number];
     this.sceneBackground = [red, green, blue, 1];
-    this.splats.setScene();
+    this.splats.setScene(info);
   }
 
   addSegment(segment: PackedSegment): void {

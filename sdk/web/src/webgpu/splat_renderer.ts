@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-import type { Camera, PackedSegment, RendererStatistics, SegmentSink } from "../types";
+import type { Camera, PackedSegment, RendererStatistics, SceneInfo, SegmentSink } from "../types";
 import { FrameReport } from "./frame_report";
 import type { FrameFigures } from "./frame_report";
 import { groupOf, GrowingBuffer, maxStorageBytes } from "./gpu";
@@ -68,6 +68,7 @@ export class SplatRenderer implements SegmentSink {
   private readonly outputs = new Map<string, SplatOutput>(); // by the kind of their textures
   private readonly indices: GPUBuffer;
   private readonly records: GrowingBuffer;
+  private kernel = 0; // of the splats
   private views = 0; // of the groups
   private frameGroup: GPUBindGroup | null = null; // null: there is nothing to draw
   private batchGroups: GPUBindGroup[] = [];
@@ -133,7 +134,9 @@ export class SplatRenderer implements SegmentSink {
     return { primitives: this.scene.primitives, visible, sortMs: sortMs ?? 0, ...times };
   }
 
-  setScene(): void {
+  /** Removes all segments. `kernel`: that of the scene's description (`SceneInfo`). */
+  setScene({ kernel }: Pick<SceneInfo, "kernel"> = { kernel: 0 }): void {
+    this.kernel = kernel;
     this.scene.clear();
   }
 
@@ -175,7 +178,7 @@ export class SplatRenderer implements SegmentSink {
     if (views.length === 0) return;
     views.forEach((view, k) => output.prepare(view, k));
     this.prepare(views.length, ticks);
-    this.viewBuffer.write(views, background);
+    this.viewBuffer.write(views, background, this.kernel);
     const encoder = this.device.createCommandEncoder();
     if (this.frameGroup !== null) this.encodeProjection(encoder, this.frameGroup);
     views.forEach((view, k) => {

@@ -71,13 +71,13 @@ export class ViewBuffer {
     return { buffer: this.buffer, offset: kStride * view, size: kStride };
   }
 
-  /** `background`: null blends the image over the content of its texture. */
-  write(views: readonly SplatView[], background: Background | null): void {
+  /** `background`: null blends the image over the content of its texture. `kernel`: of the splats. */
+  write(views: readonly SplatView[], background: Background | null, kernel: number): void {
     const floats = new Float32Array((kStride / 4) * views.length);
     const words = new Uint32Array(floats.buffer);
     views.forEach(({ camera, at, occluders }, k) => {
       const first = (kStride / 4) * k;
-      floats.set(viewUniforms(camera), first);
+      floats.set(viewUniforms(camera, kernel), first);
       const [a, b, c, d = 1] = occluders?.mapping ?? [0, 0, 0];
       floats.set([a, b, c, d], first + 24);
       floats.set(background ?? [0, 0, 0, 0], first + 28);

@@ -9,8 +9,16 @@
 
 STGS_MATH_BEGIN
 
-// Variance added to both axes of a projected Gaussian, as in 3DGS; pixels^2.
-const float kScreenBlur = 0.3f;
+// Kernels of the splats (spec/representation.md, 3.4). kDilated is that of 3DGS. With kBandLimited
+// (Mip-Splatting), a splat is the Gaussian as pixels of any size integrate it.
+const int kDilated = 0;
+const int kBandLimited = 1;
+
+// Variance that a kernel adds to both axes of a projected Gaussian, pixels^2.
+STGS_FN float screen_blur(int kernel) {
+  return kernel == kBandLimited ? 0.1f : 0.3f;
+}
+
 // The projection is linearised inside the image, enlarged by this share of its size on each side.
 const float kFrustumMargin = 0.15f;
 
@@ -29,6 +37,9 @@ struct Projection {
   Vec2 mean;
   Sym2 covariance;
   Sym2 conic;
+  // In [0, 1): the factor of the peak that keeps the integral as it is without the blur,
+  // sqrt(det(covariance - blur I) / det(covariance)).
+  float coverage;
   float depth;  // camera z, scene units
   int visible;  // 0: cannot be rendered; the other fields are then unspecified
 };
@@ -110,8 +121,9 @@ STGS_FN Vec3 sym3_mul(Sym3 s, Vec3 v) {
                  s.xz * v.x + s.yz * v.y + s.zz * v.z);
 }
 
-// EWA projection of a Gaussian with the given mean and covariance in world space.
-STGS_FN Projection project_gaussian(PinholeCamera camera, Vec3 mean, Sym3 covariance) {
+// EWA projection of a Gaussian with the given mean and covariance in world space. `blur`: that of
+// the kernel.
+STGS_FN Projection project_gaussian(PinholeCamera camera, Vec3 mean, Sym3 covariance, float blur) {
   Projection p;
   p.visible = 0;
   p.mean = vec2_of(0.0f, 0.0f);
@@ -119,18 +131,22 @@ STGS_FN Projection project_gaussian(PinholeCamera camera, Vec3 mean, Sym3 covari
   p.covariance.xy = 0.0f;
   p.covariance.yy = 0.0f;
   p.conic = p.covariance;
+  p.coverage = 0.0f;
   Vec3 c = to_camera(camera, mean);
   p.depth = c.z;
   if (c.z < camera.near_plane) return p;
   ProjectionRows j = projection_rows(camera, c);
   Vec3 su = sym3_mul(covariance, j.u);
   Vec3 sv = sym3_mul(covariance, j.v);
-  float xx = dot3(j.u, su) + kScreenBlur;
   float xy = dot3(j.u, sv);
-  float yy = dot3(j.v, sv) + kScreenBlur;
+  float sharp_xx = dot3(j.u, su);
+  float sharp_yy = dot3(j.v, sv);
+  float xx = sharp_xx + blur;
+  float yy = sharp_yy + blur;
   float determinant = xx * yy - xy * xy;
   if (!(determinant > 0.0f)) return p;
   float inverse = 1.0f / determinant;
+  p.coverage = sqrt(larger(0.0f, (sharp_xx * sharp_yy - xy * xy) * inverse));
   p.mean = vec2_of(camera.fx * c.x / c.z + camera.cx, camera.fy * c.y / c.z + camera.cy);
   p.covariance.xx = xx;
   p.covariance.xy = xy;
@@ -140,6 +156,11 @@ STGS_FN Projection project_gaussian(PinholeCamera camera, Vec3 mean, Sym3 covari
   p.conic.yy = xx * inverse;
   p.visible = 1;
   return p;
+}
+
+// The opacity of a splat of a Gaussian whose opacity is O_t.
+STGS_FN float splat_opacity(int kernel, float opacity, Projection p) {
+  return kernel == kBandLimited ? opacity * p.coverage : opacity;
 }
 
 // Half size, in pixels, of the axis-aligned box of {d : opacity exp(-d' conic d / 2) >= threshold};

@@ -45,7 +45,7 @@ STGS_FN Sym2 conic_of(Falloff f) {
 struct STGS_ALIGNED(16) ScreenSplat {
   Vec2 mean;  // pixels
   Falloff falloff;
-  float peak;   // log2(O_t)
+  float peak;   // log2 of its opacity
   Vec2 extent;  // half size of its bounding box, pixels
   Vec3 colour;  // sRGB-encoded, >= 0
   float depth;  // camera z
@@ -57,7 +57,7 @@ struct SplatBox {
   int visible;  // 0: the splat is outside the image or not finite; extent is then unspecified
 };
 
-// The box of a projected Gaussian of opacity O_t >= kAlphaThreshold.
+// The box of a projected Gaussian. It is not visible if its opacity is below kAlphaThreshold.
 STGS_FN SplatBox splat_box(PinholeCamera camera, Projection p, float opacity) {
   float elongation = elongation_of(p);
   Vec2 extent = splat_extent(p.covariance, opacity, kAlphaThreshold);
@@ -65,12 +65,13 @@ STGS_FN SplatBox splat_box(PinholeCamera camera, Projection p, float opacity) {
   SplatBox box;
   box.extent = vec2_of(extent.x * slack, extent.y * slack);
   bool finite = is_finite(elongation) && is_finite(p.conic.xy) && is_finite(p.depth);
-  bool visible = p.visible != 0 && finite && !outside_image(camera, p.mean, box.extent);
+  bool visible = p.visible != 0 && finite && opacity >= kAlphaThreshold &&
+                 !outside_image(camera, p.mean, box.extent);
   box.visible = visible ? 1 : 0;
   return box;
 }
 
-// The splat of a projected Gaussian of opacity O_t with a visible box of half size `extent`.
+// The splat of a projected Gaussian with a visible box of half size `extent`.
 STGS_FN ScreenSplat screen_splat(Projection p, Vec2 extent, float opacity, Vec3 colour) {
   ScreenSplat s;
   s.mean = p.mean;
