@@ -161,14 +161,16 @@ struct SplatShapeGrad {
   Vec2 mean;
   Sym2 conic;
   float log_coverage;  // of ln(coverage)
+  float coverage;      // the value of the forward pass; > 0 if it has a gradient
 };
 
-// Backward of the conic and the coverage to the screen covariance. `sharp`: the screen covariance
-// without kScreenBlur, not singular if the coverage has a gradient.
+// Backward of the conic and the coverage to the screen covariance. `sharp`: the same without the
+// blur. Its determinant follows from the coverage: as a difference of products it could be 0.
 STGS_FN Sym2 screen_covariance_grad(Sym2 sharp, Sym2 conic, SplatShapeGrad grad) {
   Sym2 d = inverse_grad(conic, grad.conic);
   if (grad.log_coverage == 0.0f) return d;
-  float half_inverse = 0.5f / (sharp.xx * sharp.yy - sharp.xy * sharp.xy);
+  float half_inverse =
+      0.5f * (conic.xx * conic.yy - conic.xy * conic.xy) / (grad.coverage * grad.coverage);
   d.xx += grad.log_coverage * (sharp.yy * half_inverse - 0.5f * conic.xx);
   d.xy -= grad.log_coverage * (2.0f * sharp.xy * half_inverse + conic.xy);
   d.yy += grad.log_coverage * (sharp.xx * half_inverse - 0.5f * conic.yy);

@@ -242,31 +242,7 @@ Status write_prepared_capture(const PreparedCapture& capture) {
 
 namespace {
 
-bool mask_exists(const PreparedCapture& capture, const Camera& camera, int frame) {
-  const std::string path = capture.mask_path(camera, frame);
-  return capture.files ? capture.files->exists(path) : std::filesystem::exists(path);
-}
-
-Status hide_behind_masks(const PreparedCapture& capture, const Camera& camera, int frame,
-                         Image8& image) {
-  STGS_ASSIGN(const Image8 mask, load_mask(capture, camera, frame));
-  if (mask.data.empty()) {
-    return invalid_file(
-        "{}: frame {} of camera '{}' has no mask, which the foreground needs; put masks into the "
-        "folder masks of the capture and prepare it again",
-        capture.mask_path(camera, frame), frame, camera.name);
-  }
-  constexpr std::uint8_t kInside = 128;
-  for (std::size_t i = 0; i < mask.data.size(); ++i) {
-    if (mask.data[i] < kInside)
-      std::copy_n(capture.behind_masks->data(), 3, image.data.data() + 3 * i);
-  }
-  return {};
-}
-
-}  // namespace
-
-Result<Image8> load_frame(const PreparedCapture& capture, const Camera& camera, int frame) {
+Result<Image8> decode_frame(const PreparedCapture& capture, const Camera& camera, int frame) {
   const std::string path = capture.frame_path(camera, frame);
   STGS_ASSIGN(const std::unique_ptr<ByteSource> file, open_file_of(capture, path));
   STGS_ASSIGN(Image8 image, read_image8(*file, 3));
@@ -275,16 +251,41 @@ Result<Image8> load_frame(const PreparedCapture& capture, const Camera& camera, 
                         path, camera.name, frame, camera.width, camera.height, image.width,
                         image.height);
   }
-  if (capture.behind_masks) STGS_TRY(hide_behind_masks(capture, camera, frame, image));
   return image;
 }
 
-bool has_mask(const PreparedCapture& capture, const Camera& camera) {
-  return mask_exists(capture, camera, 0);
+}  // namespace
+
+bool has_mask(const PreparedCapture& capture, const Camera& camera, int frame) {
+  const std::string path = capture.mask_path(camera, frame);
+  return capture.files ? capture.files->exists(path) : std::filesystem::exists(path);
+}
+
+Status missing_mask(const PreparedCapture& capture, const Camera& camera, int frame) {
+  return invalid_file(
+      "{}: frame {} of camera '{}' has no mask, which the foreground needs; put masks into the "
+      "folder masks of the capture and prepare it again",
+      capture.mask_path(camera, frame), frame, camera.name);
+}
+
+Result<Image8> load_foreground(const PreparedCapture& capture, const Camera& camera, int frame,
+                               const std::array<std::uint8_t, 3>& colour) {
+  STGS_ASSIGN(Image8 image, decode_frame(capture, camera, frame));
+  STGS_ASSIGN(const Image8 mask, load_mask(capture, camera, frame));
+  if (mask.data.empty()) return missing_mask(capture, camera, frame);
+  for (std::size_t i = 0; i < mask.data.size(); ++i) {
+    if (mask.data[i] < kMinMask) std::copy_n(colour.data(), 3, image.data.data() + 3 * i);
+  }
+  return image;
+}
+
+Result<Image8> load_frame(const PreparedCapture& capture, const Camera& camera, int frame) {
+  return capture.mask_background ? load_foreground(capture, camera, frame, *capture.mask_background)
+                                 : decode_frame(capture, camera, frame);
 }
 
 Result<Image8> load_mask(const PreparedCapture& capture, const Camera& camera, int frame) {
-  if (!mask_exists(capture, camera, frame)) return Image8{};
+  if (!has_mask(capture, camera, frame)) return Image8{};
   const std::string path = capture.mask_path(camera, frame);
   STGS_ASSIGN(const std::unique_ptr<ByteSource> file, open_file_of(capture, path));
   STGS_ASSIGN(Image8 mask, read_image8(*file, 1));

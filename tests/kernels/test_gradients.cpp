@@ -156,7 +156,7 @@ namespace {
 struct SplatProblem {
   math::PinholeCamera camera = testing::scene_camera(43, 29);
   std::vector<float> position, covariance;
-  math::SplatShapeGrad grad{{0.3f, -0.2f}, {0.1f, 0.25f, -0.15f}, 0.8f};
+  math::SplatShapeGrad grad{{0.3f, -0.2f}, {0.1f, 0.25f, -0.15f}, 0.8f, 0.0f};
 
   math::Projection project() const {
     const std::vector<float>& s = covariance;
@@ -186,6 +186,7 @@ TEST_CASE("the gradient of a band-limited splat matches finite differences") {
     p.position = {x.x, x.y, x.z};
     p.covariance = {v.xx, v.xy, v.xz, v.yy, v.yz, v.zz};
     const math::Projection projection = p.project();
+    p.grad.coverage = projection.coverage;
     const math::ProjectionGrad g =
         math::project_gaussian_grad(p.camera, x, v, projection.conic, p.grad);
     const float by_position[] = {g.position.x, g.position.y, g.position.z};

@@ -128,7 +128,7 @@ async function occlusion(device, plain, segments, { camera, ticks }, z) {
   const to = textureOf(device, kFormat, camera).createView();
   plain.draw(camera, ticks, to, kBlack);
   const all = await plain.read();
-  plain.setScene();
+  plain.setScene({ kernel: 0 });
   nearerThan(segments, z, ticks).forEach((segment) => plain.addSegment(segment));
   plain.draw(camera, ticks, to, kBlack);
   const nearer = await plain.read();

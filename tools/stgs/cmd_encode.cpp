@@ -103,12 +103,12 @@ class Encode final : public Command {
     seconds[1] = lap();
     encoder::PackSettings packing = pack_.settings();
     packing.quality = packing.target_psnr = 0;  // the scene was trained for it
-    const bool held_out = std::any_of(
-        capture.cameras.begin(), capture.cameras.end(), [&](const encoder::Camera& camera) {
-          return camera.test && (!training.foreground || encoder::has_mask(capture, camera));
-        });
-    if (held_out) packing.against = prepared;
-    packing.foreground = training.foreground;
+    encoder::PreparedCapture shown = capture;
+    if (training.foreground) shown.mask_background = encoder::kMaskBackground;
+    if (!encoder::sample_views(shown, true, encoder::kMaxHeldOutImages).empty()) {
+      packing.against = prepared;
+      packing.foreground = training.foreground;
+    }
     const EndAfterSignal end(session, output_ + ": not written");
     STGS_TRY(encoder::pack({trained}, output_, packing, &pack_report, session.progress_sink(),
                            session.log_sink()));

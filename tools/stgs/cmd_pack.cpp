@@ -39,8 +39,9 @@ class Pack final : public Command {
     auto* against = app.add_option("--against", against_,
                                    "Prepared capture: also measure the PSNR of its test cameras");
     add_allow_outside(app, allow_outside_);
-    app.add_flag("--foreground", foreground_,
-                 "--against compares with what the masks show, as for train --foreground")
+    app.add_flag(
+           "--foreground", foreground_,
+           "--against compares with the content inside the masks, for scenes of train --foreground")
         ->needs(against);
     options_.declare(app);
     memory_.declare(app);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The options --masks and --foreground: errors within masks of the content that matters, or of that
-// content alone.
+// The options --masks, which measures errors within any masks, and --foreground, which cuts frames
+// out by the masks of the capture.
 #pragma once
 
 #include <algorithm>
@@ -24,10 +24,11 @@ class MasksOption {
         "of the capture, 128 or more inside");
     app.add_flag(
         "--foreground", foreground_,
-        "Compare with what the masks of the capture show, over the background of the scene");
+        "Compare with the content inside the masks of the capture, over the background of the "
+        "scene");
   }
   bool given() const { return !folder_.empty(); }
-  // Lets the capture show its foreground over the background of a scene, with --foreground.
+  // With --foreground, sets the background of the scene outside the masks of the capture.
   void apply(const SceneMetadata& scene, encoder::PreparedCapture& capture) const {
     if (!foreground_) return;
     std::array<std::uint8_t, 3> colour{};
@@ -35,7 +36,7 @@ class MasksOption {
       const float value = std::clamp(scene.background[c], 0.0f, 1.0f);
       colour[c] = static_cast<std::uint8_t>(std::lround(255 * value));
     }
-    capture.behind_masks = colour;
+    capture.mask_background = colour;
   }
 
   // Returns the error within the mask of a frame. kIo for a missing mask, kInvalidFile for one of
@@ -51,7 +52,7 @@ class MasksOption {
     }
     ErrorSum sum;
     for (std::size_t i = 0; i < mask.data.size(); ++i) {
-      if (mask.data[i] >= 128) sum.add(image, ground_truth, i);
+      if (mask.data[i] >= encoder::kMinMask) sum.add(image, ground_truth, i);
     }
     return sum;
   }

@@ -63,7 +63,7 @@ void TrainOptions::declare(Arguments& app, bool with_packing) {
          "json lists them")
       ->group(group);
   app.add_flag("--foreground", settings_.foreground,
-               "Train only what the masks of the capture show, with its alpha")
+               "Train only the content inside the masks of the capture, with its alpha")
       ->group(group);
   app.add_option("--log", settings_.log_path,
                  "Write steps and evaluations to this file, as JSON lines")

@@ -77,7 +77,7 @@ Size video_size(const encoder::Camera& camera) {
 // The capture with the training cameras as they were trained with.
 encoder::PreparedCapture trained_capture(const TrainReportInput& input) {
   encoder::PreparedCapture capture = input.capture;
-  if (input.settings.foreground) capture.behind_masks = encoder::kBehindForeground;
+  if (input.settings.foreground) capture.mask_background = encoder::kMaskBackground;
   for (const encoder::RefinedCamera& refined : input.report.cameras) {
     for (encoder::Camera& camera : capture.cameras) {
       if (camera.name == refined.camera.name) camera = refined.camera;

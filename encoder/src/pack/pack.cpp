@@ -141,6 +141,9 @@ Status check_numbers(const PackSettings& settings) {
 
 Status check_packing(const PackSettings& settings) {
   STGS_TRY(check_numbers(settings));
+  if (settings.foreground && settings.against.empty()) {
+    return usage_error("foreground has no effect without against, a prepared capture");
+  }
   SceneMetadata metadata;
   return apply_metadata(settings, metadata);
 }
@@ -159,7 +162,7 @@ Result<HeldOutViews> load_held_out_views(const Scene& scene, const std::string& 
         scene.parts.size());
   }
   STGS_ASSIGN(PreparedCapture complete, read_prepared_capture(folder, settings.allow_outside));
-  if (settings.foreground) complete.behind_masks = kBehindForeground;
+  if (settings.foreground) complete.mask_background = kMaskBackground;
   STGS_ASSIGN(const PreparedCapture capture, capture_for_scene(complete, scene.metadata, name));
   STGS_TRY(check_same_times(capture, scene.metadata, name));
   warn_if_other_capture(capture, scene.metadata, name, log);

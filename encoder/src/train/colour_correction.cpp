@@ -41,7 +41,8 @@ void apply_colour(const ColourMap& m, const Image& colour, Image& corrected) {
   });
 }
 
-ColourMap colour_backward(const ColourMap& m, const Image& colour, Image& d_corrected) {
+ColourMap colour_backward(const ColourMap& m, const Image& colour, Image& d_corrected,
+                          const UnmappedBackground* unmapped) {
   std::vector<ColourMap> partial(row_blocks(colour), ColourMap{});
   for_row_blocks(colour, [&](int block, std::size_t begin, std::size_t end) {
     ColourMap& sum = partial[block];
@@ -54,6 +55,13 @@ ColourMap colour_backward(const ColourMap& m, const Image& colour, Image& d_corr
         sum[3 * c + k] = total;
       }
       for (std::size_t i = begin; i < end; ++i) sum[9 + c] += d[i];
+      if (unmapped == nullptr) continue;
+      float behind = 0.0f;
+      for (std::size_t i = begin; i < end; ++i) behind += d[i] * unmapped->transmittance.data[i];
+      sum[3 * c] -= behind * unmapped->colour.x;
+      sum[3 * c + 1] -= behind * unmapped->colour.y;
+      sum[3 * c + 2] -= behind * unmapped->colour.z;
+      sum[9 + c] -= behind;
     }
     float* dr = d_corrected.plane(0);
     float* dg = d_corrected.plane(1);

@@ -11,9 +11,18 @@ namespace stgs::encoder {
 // Computes corrected = matrix colour + offset per pixel; planar, 3 channels.
 void apply_colour(const ColourMap& map, const Image& colour, Image& corrected);
 
+// A background that the colour map does not act on.
+struct UnmappedBackground {
+  const Image& transmittance;
+  math::Vec3 colour;  // as it is rendered, before the map
+};
+
 // Backward of apply_colour: replaces d_corrected (dL/dcorrected) with dL/dcolour and returns
 // dL/dmap.
-ColourMap colour_backward(const ColourMap& map, const Image& colour, Image& d_corrected);
+// `unmapped`: not null if the background of the corrected image is given, so that the map acts on
+// the rest alone.
+ColourMap colour_backward(const ColourMap& map, const Image& colour, Image& d_corrected,
+                          const UnmappedBackground* unmapped = nullptr);
 
 // Applies an Adam step to camera `index`, then shifts all cameras so that their mean is the
 // identity, the correction of held-out cameras.

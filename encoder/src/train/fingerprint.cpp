@@ -24,15 +24,18 @@ const std::string* find(const Fingerprint& fingerprint, const std::string& name)
   return entry == fingerprint.end() ? nullptr : &entry->second;
 }
 
-// Returns a hash of the file sizes of a camera's frames, which other images are unlikely to share.
-// Reading all images would take too long.
+// Returns a hash of the file sizes of a camera's frames, and masks if they matter, which other
+// images are unlikely to share. Reading all images would take too long.
 std::uint64_t frame_sizes(const PreparedCapture& capture, const Camera& camera) {
   std::vector<std::uint64_t> sizes;
-  for (int frame = 0; frame < capture.frames; ++frame) {
+  const auto add = [&sizes](const std::string& path) {
     std::error_code error;
-    const std::uintmax_t size =
-        std::filesystem::file_size(capture.frame_path(camera, frame), error);
+    const std::uintmax_t size = std::filesystem::file_size(path, error);
     sizes.push_back(error ? 0 : size);  // loading reports a missing file
+  };
+  for (int frame = 0; frame < capture.frames; ++frame) {
+    add(capture.frame_path(camera, frame));
+    if (capture.mask_background) add(capture.mask_path(camera, frame));
   }
   return XXH3_64bits(sizes.data(), sizes.size() * sizeof(std::uint64_t));
 }

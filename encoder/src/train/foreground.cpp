@@ -24,21 +24,22 @@ void count(const math::PinholeCamera& camera, const Image8& mask, const InitialP
   if (!(x >= 0 && y >= 0 && x < camera.width && y < camera.height)) return;
   const auto at = static_cast<std::size_t>(y) * mask.width + static_cast<std::size_t>(x);
   ++sightings.images;
-  if (mask.data[at] >= 128) ++sightings.masks;
+  if (mask.data[at] >= kMinMask) ++sightings.masks;
 }
 
 }  // namespace
 
-std::array<std::uint8_t, 3> colour_behind(std::size_t view) {
+std::array<std::uint8_t, 3> mask_colour_of(std::size_t view) {
   Random random(0, view, RandomPurpose::kBackground);
   std::array<std::uint8_t, 3> colour{};
   for (std::uint8_t& channel : colour) channel = static_cast<std::uint8_t>(random.below(256));
   return colour;
 }
 
-math::Vec3 background_behind(std::size_t view) {
-  const auto colour = colour_behind(view);
-  return {colour[0] / 255.0f, colour[1] / 255.0f, colour[2] / 255.0f};
+math::Vec3 mask_background_of(std::size_t view) {
+  const auto colour = mask_colour_of(view);
+  constexpr float kUnit = 1.0f / 255.0f;  // as ground truth is converted
+  return {kUnit * colour[0], kUnit * colour[1], kUnit * colour[2]};
 }
 
 Status keep_foreground(const PreparedCapture& capture, std::vector<InitialPoint>& statics) {
@@ -47,10 +48,7 @@ Status keep_foreground(const PreparedCapture& capture, std::vector<InitialPoint>
     const math::PinholeCamera pinhole = camera.pinhole(capture.near_plane);
     for (const int frame : {0, capture.frames / 2, capture.frames - 1}) {
       STGS_ASSIGN(const Image8 mask, load_mask(capture, camera, frame));
-      if (mask.data.empty()) {
-        STGS_TRY(load_frame(capture, camera, frame).status());  // its error
-        continue;
-      }
+      if (mask.data.empty()) return missing_mask(capture, camera, frame);
       parallel_for(std::size_t{0}, statics.size(),
                    [&](std::size_t i) { count(pinhole, mask, statics[i], sightings[i]); });
     }
@@ -61,6 +59,15 @@ Status keep_foreground(const PreparedCapture& capture, std::vector<InitialPoint>
     if (s.images > 0 && s.masks >= kMinShare * s.images) statics[kept++] = statics[i];
   }
   statics.resize(kept);
+  return {};
+}
+
+Status check_masks(const PreparedCapture& capture) {
+  for (const Camera& camera : capture.training_cameras()) {
+    for (int frame = 0; frame < capture.frames; ++frame) {
+      if (!has_mask(capture, camera, frame)) return missing_mask(capture, camera, frame);
+    }
+  }
   return {};
 }
 

@@ -8,10 +8,20 @@
 
 namespace stgs::encoder {
 
+namespace {
+
+// Returns whether a frame has the mask that the foreground needs.
+bool can_show(const PreparedCapture& capture, const Camera& camera, int frame) {
+  return !capture.mask_background || has_mask(capture, camera, frame);
+}
+
+}  // namespace
+
 std::vector<SampledView> sample_views(const PreparedCapture& capture, bool test, int max_views) {
   std::vector<std::size_t> cameras;
   for (std::size_t i = 0; i < capture.cameras.size(); ++i) {
-    if (capture.cameras[i].test == test) cameras.push_back(i);
+    const Camera& camera = capture.cameras[i];
+    if (camera.test == test && can_show(capture, camera, 0)) cameras.push_back(i);
   }
   const auto frames = static_cast<std::size_t>(std::max(capture.frames, 0));
   const std::size_t count =
@@ -21,7 +31,8 @@ std::vector<SampledView> sample_views(const PreparedCapture& capture, bool test,
     const std::size_t camera =
         cameras.size() <= count ? k % cameras.size() : k * cameras.size() / count;
     const std::size_t frame = (2 * k + 1) * frames / (2 * count);
-    views.push_back({cameras[camera], static_cast<int>(frame)});
+    if (can_show(capture, capture.cameras[cameras[camera]], static_cast<int>(frame)))
+      views.push_back({cameras[camera], static_cast<int>(frame)});
   }
   return views;
 }

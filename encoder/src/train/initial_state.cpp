@@ -85,7 +85,7 @@ Result<std::vector<InitialPoint>> load_points(const PreparedCapture& capture,
   STGS_ASSIGN(InitialPoints read, read_initial_points(capture));
   std::vector<InitialPoint>& static_points = read.statics;
   std::vector<InitialPoint>& dynamic_points = read.dynamics;
-  if (capture.behind_masks) STGS_TRY(keep_foreground(full_capture(capture), static_points));
+  if (capture.mask_background) STGS_TRY(keep_foreground(full_capture(capture), static_points));
   if (!ablation.initialisation) {
     if (!read.is_moving) {
       return usage_error(
@@ -203,12 +203,12 @@ Result<TrainState> initial_points_state(const PreparedCapture& capture,
 Result<TrainState> initial_state(const PreparedCapture& capture, const HyperParameters& parameters,
                                  const Ablation& ablation, std::uint64_t seed) {
   STGS_ASSIGN(TrainState state, initial_points_state(capture, parameters, ablation, seed));
-  if (parameters.seen_background != 0 && !capture.behind_masks) {
+  if (parameters.seen_background != 0 && !capture.mask_background) {
     // For the complete capture and with the shared seed, so that all windows have the same.
     const PreparedCapture complete = full_capture(capture);
     STGS_ASSIGN(const TrainState initial,
                 initial_points_state(complete, parameters, ablation, kSharedSeed));
-    STGS_ASSIGN(state.background, scene_background(complete, initial.set));
+    STGS_ASSIGN(state.background, scene_background(complete, initial.set, parameters.kernel));
   }
   return state;
 }

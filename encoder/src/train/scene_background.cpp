@@ -24,15 +24,18 @@ float median(const Histogram& histogram) {
 
 }  // namespace
 
-Result<math::Vec3> scene_background(const PreparedCapture& capture, const Gaussians4D& initial) {
+Result<math::Vec3> scene_background(const PreparedCapture& capture, const Gaussians4D& initial,
+                                    int kernel) {
   std::array<Histogram, 3> histograms{};
   SplatFrame frame;
   RasterOutput output;
+  RasterSettings settings;
+  settings.kernel = kernel;
   const int middle = capture.frames / 2;
   for (const Camera& camera : capture.cameras) {
     if (camera.test) continue;
     STGS_ASSIGN(const Image8 image, load_frame(capture, camera, middle));
-    render(initial, static_cast<float>(middle), camera.pinhole(capture.near_plane), {}, frame,
+    render(initial, static_cast<float>(middle), camera.pinhole(capture.near_plane), settings, frame,
            output);
     for (std::size_t p = 0; p < output.transmittance.data.size(); ++p) {
       const auto weight =

@@ -13,6 +13,7 @@ namespace stgs::encoder {
 //
 // With this background, regions that no camera covered blend in instead of being black, and
 // training need not paint the background with primitives that serve a single camera.
-Result<math::Vec3> scene_background(const PreparedCapture& capture, const Gaussians4D& initial);
+Result<math::Vec3> scene_background(const PreparedCapture& capture, const Gaussians4D& initial,
+                                    int kernel);
 
 }  // namespace stgs::encoder

@@ -23,6 +23,10 @@ using Clock = std::chrono::steady_clock;
 constexpr double kProgressInterval = 0.1;  // seconds
 constexpr double kLossWeight = 0.02;       // of a new loss in the running mean
 
+bool has_test_cameras(const PreparedCapture& capture) {
+  return capture.training_cameras().size() < capture.cameras.size();
+}
+
 double seconds_since(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
 }
@@ -43,7 +47,11 @@ Result<std::unique_ptr<Trainer>> Trainer::create(const PreparedCapture& capture,
                                                  const ProgressSink& progress, const LogSink& log) {
   STGS_TRY(check_frame_files(capture, capture.cameras));
   std::unique_ptr<Trainer> trainer(new Trainer(capture, settings, progress, log));
-  if (settings.foreground) trainer->capture_.behind_masks = kBehindForeground;
+  if (settings.foreground) {
+    STGS_TRY(check_masks(capture));
+    trainer->capture_.mask_background = kMaskBackground;
+    trainer->image_fingerprint_ = image_fingerprint(trainer->capture_);
+  }
   STGS_ASSIGN(const TrainingChoice choice, choose_training(settings));
   trainer->parameters_ = choice.parameters;
   trainer->ablation_ = choice.ablation;
@@ -73,6 +81,8 @@ Status Trainer::prepare_state() {
     Result<HeldOutViews> held_out = HeldOutViews::load(capture_);
     if (held_out.ok()) {
       held_out_ = std::move(*held_out);
+      if (held_out_.empty() && settings_.foreground && has_test_cameras(capture_))
+        log_(1, "held-out views will not be evaluated: the test cameras have no masks");
     } else {
       log_(1, fmt::format("held-out views will not be evaluated: {}", held_out.status().message()));
     }
@@ -190,7 +200,7 @@ Result<StepInput> Trainer::step_input() {
   input.background = state_.background;
   if (settings_.foreground) {
     input.background =
-        background_behind(camera * static_cast<std::size_t>(capture_.frames) + frame);
+        mask_background_of(camera * static_cast<std::size_t>(capture_.frames) + frame);
     input.background_is_mapped = true;
   }
   input.drop_share = static_cast<float>(p.drop_share);

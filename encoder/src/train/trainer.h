@@ -103,6 +103,11 @@ class Trainer {
   void report_cameras() const;
   // Renders with the cameras of the state from now on.
   void use_cameras();
+  // With dilated splats, nothing becomes thin on screen.
+  bool limits_scales() const {
+    return parameters_.min_scale > 0 && parameters_.kernel == math::kBandLimited &&
+           !state_.is_coupled();
+  }
   // Keeps primitives from becoming smaller than the training images can resolve.
   Status limit_scales();
   Status step();

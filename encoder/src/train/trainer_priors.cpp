@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The priors of a sparse rig.
+// The priors of a sparse rig, and the limit of the scales.
 #include <algorithm>
 
 #include "train/free_space.h"
@@ -31,8 +31,7 @@ Status Trainer::prepare_priors() {
 
 Status Trainer::limit_scales() {
   const int interval = std::max(1, parameters_.densify_interval / 2);
-  if (parameters_.min_scale <= 0 || state_.is_coupled()) return {};
-  if (!passed(static_cast<std::uint64_t>(interval))) return {};
+  if (!limits_scales() || !(passed(static_cast<std::uint64_t>(interval)) || finished())) return {};
   STGS_TRY(read_steps());
   std::vector<math::PinholeCamera> cameras;
   for (const Camera& camera : images_.cameras())

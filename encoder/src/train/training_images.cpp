@@ -41,9 +41,10 @@ Result<TrainingImages> TrainingImages::load(const PreparedCapture& capture, std:
   }
   source.decode = [capture, cameras = images.cameras_](std::size_t view) {
     const auto frames = static_cast<std::size_t>(capture.frames);
-    PreparedCapture shown = capture;
-    if (shown.behind_masks) shown.behind_masks = colour_behind(view);
-    return load_frame(shown, cameras[view / frames], static_cast<int>(view % frames));
+    const Camera& camera = cameras[view / frames];
+    const auto frame = static_cast<int>(view % frames);
+    return capture.mask_background ? load_foreground(capture, camera, frame, mask_colour_of(view))
+                                   : load_frame(capture, camera, frame);
   };
   if (budget == 0) {
     budget = static_cast<std::uint64_t>(kMemoryFraction / processes *

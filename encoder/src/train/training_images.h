@@ -24,9 +24,8 @@ struct TrainingView {
 class TrainingImages {
  public:
   // `budget`: memory for decoded images, bytes; 0: a fraction of the available memory, divided by
-  // the `processes` on this machine. With capture.behind_masks, the colour is colour_behind().
-  // Decodes all images if they fit; kRuntime if `progress` (stage
-  // "load") cancels.
+  // the `processes` on this machine. Decodes all images if they fit; kRuntime if `progress` (stage
+  // "load") cancels. With capture.mask_background, each view has the colour mask_colour_of() there.
   static Result<TrainingImages> load(const PreparedCapture& capture, std::uint64_t budget,
                                      int processes, const ProgressSink& progress);
 

@@ -225,8 +225,8 @@ typedef struct stgs_train_settings {
   int32_t refine_cameras; /* 1: refines poses and focal lengths of the training cameras (at least
                            * three) with the scene, and logs a warning for each that was wrong by
                            * more than a pixel; default 0 */
-  int32_t foreground;     /* 1: trains only what the masks of the capture show, with its alpha;
-                           * default 0 */
+  int32_t foreground;     /* 1: trains only the content inside the masks of the capture, with its
+                           * alpha; default 0 */
   int32_t reserved;       /* 0 */
 } stgs_train_settings;
 
@@ -307,8 +307,8 @@ typedef struct stgs_pack_settings {
   double target_psnr; /* the smallest file whose renders have this PSNR against those of the scene,
                        * 1 to 100 dB; 0 (default): no target; not with a limit */
   int32_t allow_outside; /* 1: links in `against` may lead out of it; default 0 */
-  int32_t foreground;    /* 1: the loss is that of what the masks of `against` show, for a scene of
-                          * stgs_train_settings.foreground; default 0 */
+  int32_t foreground;    /* 1: the loss is that of the content inside the masks of `against`, for a
+                          * scene of stgs_train_settings.foreground; default 0 */
 } stgs_pack_settings;
 
 /* Fills settings with the defaults. `struct_size` is sizeof(*settings). */

@@ -149,9 +149,9 @@ STGS_EXPORT const char* stgs_open() {
       R"("kernel":{},"boundsMin":{},"boundsMax":{},"background":{},"up":{},"metresPerUnit":{},)"
       R"("floor":{},"startCamera":{},"title":{},"tierPrimitives":[{}],"audio":{},"audioBegin":{}}}}})",
       duration_of(reader), number(scene.time_base.seconds(1)), scene.frames, reader.sh_degree(),
-      reader.primitives(), scene.kernel, numbers(scene.bounds_min), numbers(scene.bounds_max),
-      numbers(scene.background), numbers(scene.up), number(scene.metres_per_unit),
-      numbers(scene.floor), camera_json(scene), quoted(scene.title),
+      reader.primitives(), scene.kernel == math::kBandLimited ? 1 : 0, numbers(scene.bounds_min),
+      numbers(scene.bounds_max), numbers(scene.background), numbers(scene.up),
+      number(scene.metres_per_unit), numbers(scene.floor), camera_json(scene), quoted(scene.title),
       counts(current->player().tier_peaks()), quoted(scene.audio),
       number(scene.time_base.seconds(scene.audio_begin))));
 }

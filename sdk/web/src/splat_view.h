@@ -24,7 +24,7 @@ STGS_FN PinholeCamera camera_of_view() {
 }
 
 STGS_FN int kernel_of_view() {
-  return view[4].w == 1.0f ? kBandLimited : 0;
+  return view[4].w == 1.0f ? kBandLimited : kDilated;
 }
 
 // Returns t - T, compensated for the rounding of t and of the difference.

@@ -19,8 +19,8 @@ struct SampledView {
 };
 
 // Selects at most `max_views` images of the test cameras (or, if `test` is false, of the training
-// cameras), spread evenly over cameras and time. No image is selected twice. The selection depends
-// on the capture alone.
+// cameras), spread evenly over cameras and time, without those that lack a mask for
+// capture.mask_background. No image is selected twice. The selection depends on the capture alone.
 std::vector<SampledView> sample_views(const PreparedCapture& capture, bool test, int max_views);
 
 // Means over the images, dB; metrics.h defines the measures.

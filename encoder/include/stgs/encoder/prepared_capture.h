@@ -67,8 +67,8 @@ struct PreparedCapture {
   // Set if this object describes a window of the capture (windows.h). Frame 0 is then the first
   // frame of the window, for frame_path and mask_path too.
   std::optional<CaptureWindow> window;
-  // Not stored. If set, frames have this RGB colour wherever their masks are below 128.
-  std::optional<std::array<std::uint8_t, 3>> behind_masks;
+  // Not stored. If set, load_frame() has this RGB colour where a mask is below kMinMask.
+  std::optional<std::array<std::uint8_t, 3>> mask_background;
 
   // Returns the number of frames in the folder that precede frame 0.
   int frame_offset() const { return window ? static_cast<int>(window->first_frame) : 0; }
@@ -79,8 +79,9 @@ struct PreparedCapture {
   std::string mask_path(const Camera& camera, int frame) const;
 };
 
-// The colour behind the foreground in ground truth, as players show a scene without a background.
-inline constexpr std::array<std::uint8_t, 3> kBehindForeground = {0, 0, 0};
+// The background of scenes of the foreground alone.
+inline constexpr std::array<std::uint8_t, 3> kMaskBackground = {0, 0, 0};
+inline constexpr std::uint8_t kMinMask = 128;  // inside
 
 // An initial point. Static points have velocity 0 and frame -1.
 struct InitialPoint {
@@ -108,13 +109,17 @@ Result<std::unique_ptr<ByteSource>> open_file_of(const PreparedCapture& capture,
 Status write_prepared_capture(const PreparedCapture& capture);
 
 // Decodes a frame to RGB. An error names file, camera and frame; a size other than the camera's is
-// kInvalidFile, and so is a missing mask with capture.behind_masks.
+// kInvalidFile, and so is a missing mask with capture.mask_background.
 Result<Image8> load_frame(const PreparedCapture& capture, const Camera& camera, int frame);
 // Decodes a motion mask: one channel, 255 = moving. Returns an empty image if there is no mask.
 Result<Image8> load_mask(const PreparedCapture& capture, const Camera& camera, int frame);
 
-// Returns whether there is a mask of the camera's first frame.
-bool has_mask(const PreparedCapture& capture, const Camera& camera);
+bool has_mask(const PreparedCapture& capture, const Camera& camera, int frame);
+// Returns kInvalidFile for a missing mask that the foreground needs, with a remedy.
+Status missing_mask(const PreparedCapture& capture, const Camera& camera, int frame);
+// As load_frame(), with `colour` outside the mask. kInvalidFile if there is none.
+Result<Image8> load_foreground(const PreparedCapture& capture, const Camera& camera, int frame,
+                               const std::array<std::uint8_t, 3>& colour);
 
 // Reads initial points from a binary little-endian PLY file. kInvalidFile for non-finite values.
 Result<std::vector<InitialPoint>> read_points(const std::string& path);

@@ -53,7 +53,7 @@ struct TrainSettings {
   std::string perceptual_weights;
   // Refine the poses and focal lengths of the training cameras together with the scene.
   bool refine_cameras = false;
-  // Train what the masks of the capture show, with its alpha, on a black background.
+  // Train only the content inside the masks of the capture, with its alpha, on a black background.
   bool foreground = false;
   // Not owned; null: this process trains alone. Otherwise all ranks train with the same settings,
   // each on its own view of every step, and only rank 0 writes files, logs and evaluates.

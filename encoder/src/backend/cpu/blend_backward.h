@@ -16,7 +16,7 @@ struct SplatGradients {
   math::Vec2 mean;   // dL/d pixel position
   math::Sym2 conic;  // with respect to the named entries
   math::Vec3 colour;
-  float opacity;        // dL/dO_t
+  float opacity;        // dL/dO_s
   math::Vec2 abs_mean;  // sum_u |dL/dmean.x|, |dL/dmean.y| (AbsGS)
   float error;          // sum_u w(u) Err(u): dL_e/de of the auxiliary loss
   float weight;         // sum_u w(u)

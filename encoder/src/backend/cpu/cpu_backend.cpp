@@ -150,8 +150,10 @@ Status CpuBackend::step(const StepInput& input) {
     out.perceptual = perceptual_->evaluate(corrected_, *input.ground_truth.pixels, input.patch,
                                            input.weight_perceptual, d_corrected_);
   }
+  const UnmappedBackground unmapped{output_.transmittance, settings.background};
   const ColourMap d_map =
-      colour_backward(state_->colour[input.colour_index], output_.colour, d_corrected_);
+      colour_backward(state_->colour[input.colour_index], output_.colour, d_corrected_,
+                      input.background_is_mapped ? &unmapped : nullptr);
   const bool normals = input.weight_normal > 0.0f;
   if (normals) out.normal = evaluate_normals(input, settings);
   const cpu::PlanesBackward planes{planes_, d_surface_, d_planes_};

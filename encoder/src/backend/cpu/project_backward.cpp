@@ -65,8 +65,14 @@ void splat_backward(const Gaussians4D& set, const View& view, const Splat& splat
   const Quat rotation{r[0], r[1], r[2], r[3]};
 
   const Sym3 covariance = covariance_of(rotation, scale);
+  const float opacity = opacity_of(set.opacity_logit[i]);
+  const float sigma = set.sigma[i], radius = set.radius[i];
+  const float visible = visibility(dt, sigma, radius);
+  // The splat's opacity is proportional to l(t) and to O. It is rendered, so neither is 0.
+  const float by_log_opacity = grad.opacity * splat.opacity;
   const SplatShapeGrad by_shape{grad.mean, grad.conic,
-                                view.kernel == kBandLimited ? grad.opacity * splat.opacity : 0.0f};
+                                view.kernel == kBandLimited ? by_log_opacity : 0.0f,
+                                splat.opacity / (opacity * visible)};
   const ProjectionGrad by_projection =
       project_gaussian_grad(view.camera, position, covariance, splat.conic, by_shape);
   const CovarianceGrad by_covariance = covariance_grad(rotation, scale, by_projection.covariance);
@@ -80,12 +86,7 @@ void splat_backward(const Gaussians4D& set, const View& view, const Splat& splat
                camera);
   }
   const MotionGrad by_motion = position_at_grad(u, dt, vec3_add(by_projection.position, by_colour));
-  const float opacity = opacity_of(set.opacity_logit[i]);
-  // The splat's opacity is proportional to l(t) and to O. It is rendered, so neither is 0.
-  const float by_log_opacity = grad.opacity * splat.opacity;
-  const float sigma = set.sigma[i], radius = set.radius[i];
-  const VisibilityGrad by_visibility =
-      visibility_grad(dt, sigma, radius, by_log_opacity / visibility(dt, sigma, radius));
+  const VisibilityGrad by_visibility = visibility_grad(dt, sigma, radius, by_log_opacity / visible);
 
   write3(out.position, s, by_motion.position);
   write3(out.velocity, s, by_motion.u);

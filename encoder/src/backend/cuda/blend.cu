@@ -98,7 +98,7 @@ __global__ void __launch_bounds__(kWarps * 32) blend(const View view, const Work
   }
   if (!inside) return;
   const std::size_t p = static_cast<std::size_t>(y) * view.width + x;
-  const math::Vec3 behind = background_of(view);
+  const math::Vec3 behind = rendered_background(view.background);
   w.image[p] = make_float4(fmaf(transmittance, behind.x, red), fmaf(transmittance, behind.y, green),
                            fmaf(transmittance, behind.z, blue), transmittance);
   w.last[p] = last;

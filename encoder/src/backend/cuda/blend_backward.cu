@@ -94,7 +94,7 @@ __device__ Pixel load_pixel(int x, int y, int end, std::size_t checkpoint, const
   p.transmittance = image.w;
   p.last = static_cast<int>(w.last[at]);
   if (p.last <= end) {
-    const math::Vec3 background = background_of(view);
+    const math::Vec3 background = rendered_background(view.background);
     p.behind = d.x * background.x + d.y * background.y + d.z * background.z;
     return p;
   }

@@ -14,7 +14,8 @@ __device__ CameraGrad camera_gradient_of(const Primitives& p, std::uint32_t i, c
   const Sym2 conic = conic_of(splat.falloff);
   const float opacity = exp2f(splat.peak);
   const SplatGradient grad = splat_gradient(sums, conic, opacity);
-  const Pose pose = pose_of(load_values(p, i), view);
+  const PrimitiveValues own = load_values(p, i);
+  const Pose pose = pose_of(own, view);
   const Vec3 from_camera{pose.position.x - view.centre.x, pose.position.y - view.centre.y,
                          pose.position.z - view.centre.z};
   const float inverse_length = 1.0f / sqrtf(dot3(from_camera, from_camera));
@@ -22,7 +23,8 @@ __device__ CameraGrad camera_gradient_of(const Primitives& p, std::uint32_t i, c
                                       view.coefficients, vec3_scale(from_camera, inverse_length),
                                       inverse_length, unclamped(splat, grad.colour));
   const Sym3 covariance = covariance_of(pose.rotation, pose.scale);
-  const SplatShapeGrad by_shape = shape_gradient(view, grad, opacity);
+  const SplatShapeGrad by_shape = shape_gradient(
+      view, grad, opacity, opacity_of(own.logit) * visibility(pose.dt, own.sigma, own.radius));
   const ProjectionGrad by_projection =
       project_gaussian_grad(view.camera, pose.position, covariance, conic, by_shape);
   return project_gaussian_camera_grad(view.camera, pose.position, covariance, conic, by_shape,

@@ -326,7 +326,12 @@ Result<std::vector<StepOutput>> CudaBackend::read() {
 
 Status CudaBackend::limit_scales(std::span<const math::PinholeCamera> cameras, float pixels) {
   STGS_TRY(collect(true));
-  launch_limit_scales(device_.primitives(), cameras, pixels, stream_);
+  STGS_TRY(cameras_.ensure(cameras.size()));
+  STGS_TRY(cuda_status(cudaMemcpyAsync(cameras_.data(), cameras.data(), cameras.size_bytes(),
+                                       cudaMemcpyHostToDevice, stream_),
+                       "copying the cameras"));
+  launch_limit_scales(device_.primitives(), cameras_.data(),
+                      static_cast<std::uint32_t>(cameras.size()), pixels, stream_);
   device_.round(stream_);
   return cuda_status(cudaGetLastError(), "limiting the scales");
 }

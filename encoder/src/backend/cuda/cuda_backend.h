@@ -95,7 +95,8 @@ class CudaBackend final : public TrainBackend {
   StepPipeline pipeline_;
   Densifier densifier_;
   GroundTruthCache image_cache_;
-  PinnedArray<StepRecord> records_;  // for each slot, one per rank
+  DeviceArray<math::PinholeCamera> cameras_;  // of limit_scales()
+  PinnedArray<StepRecord> records_;           // for each slot, one per rank
   std::array<Event, kMaxInFlight> done_;
   std::deque<PendingStep> pending_;  // oldest first
   std::size_t next_slot_ = 0;

@@ -20,10 +20,19 @@ __device__ inline math::Vec3 read3(const float* array, std::uint32_t i) {
   return {array[3 * i], array[3 * i + 1], array[3 * i + 2]};
 }
 
-// The background of the rendered colours, before the colour map.
-__device__ inline math::Vec3 background_of(const View& view) {
-  if (view.background_map == nullptr) return view.background;
-  return before_colour_map(view.background_map, view.background);
+// Returns the background of the rendered colours, before the colour map.
+__device__ inline math::Vec3 rendered_background(const Background& background) {
+  return background.map == nullptr ? background.colour
+                                   : before_colour_map(background.map, background.colour);
+}
+
+// Returns the colour that a colour map acts on, and the weight of its offset, from a rendered
+// colour with its transmittance: without the background, if that is not mapped.
+__device__ inline float4 mapped_part(const Background& background, float4 rendered) {
+  if (background.map == nullptr) return make_float4(rendered.x, rendered.y, rendered.z, 1.0f);
+  const math::Vec3 b = rendered_background(background);
+  const float t = rendered.w;
+  return make_float4(rendered.x - t * b.x, rendered.y - t * b.y, rendered.z - t * b.z, 1.0f - t);
 }
 
 // Returns log2 of the splat's alpha at an offset from its mean, before clamping at kAlphaMax.

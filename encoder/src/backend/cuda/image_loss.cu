@@ -28,6 +28,7 @@ struct ImagePair {
   const std::uint8_t* ground_truth;
   const float* map;  // 12
   int width, height;
+  Background background;
 };
 
 // Returns a channel of the corrected colour.
@@ -213,7 +214,7 @@ __global__ void __launch_bounds__(kThreads)
     const int px = x0 + q % kLossX, py = y0 + q / kLossX;
     if (px >= p.width || py >= p.height) continue;
     const std::size_t at = static_cast<std::size_t>(py) * p.width + px;
-    const float4 colour = p.rendered[at];
+    const float4 colour = mapped_part(p.background, p.rendered[at]);
     const float(&g)[3] = d[own];
     d_image[at] = make_float4(map[0] * g[0] + map[3] * g[1] + map[6] * g[2],
                               map[1] * g[0] + map[4] * g[1] + map[7] * g[2],
@@ -223,7 +224,7 @@ __global__ void __launch_bounds__(kThreads)
       by_map[3 * c] = fmaf(g[c], colour.x, by_map[3 * c]);
       by_map[3 * c + 1] = fmaf(g[c], colour.y, by_map[3 * c + 1]);
       by_map[3 * c + 2] = fmaf(g[c], colour.z, by_map[3 * c + 2]);
-      by_map[9 + c] += g[c];
+      by_map[9 + c] = fmaf(g[c], colour.w, by_map[9 + c]);
     }
   }
   const std::size_t blocks = std::size_t{gridDim.x} * gridDim.y;
@@ -241,7 +242,8 @@ __global__ void __launch_bounds__(kThreads)
 
 void launch_image_loss(const View& view, const std::uint8_t* ground_truth, const float* colour_map,
                        const LossWeights& weights, const Workspace& w, cudaStream_t stream) {
-  const ImagePair images{w.image, ground_truth, colour_map, view.width, view.height};
+  const ImagePair images{w.image,    ground_truth, colour_map,
+                         view.width, view.height,  view.background};
   const double values = 3.0 * view.width * view.height;
   const dim3 blocks(loss_blocks_x(view), loss_blocks_y(view));
   ssim_forward<<<blocks, kThreads, 0, stream>>>(images, w.slopes, w.error, w.ssim_sums);

@@ -8,7 +8,6 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <span>
 
 #include "stgs/format/math/screen_splat.h"
 #include "train/random.h"
@@ -81,13 +80,18 @@ struct ColourMaps {
   std::uint32_t* updates = nullptr;
 };
 
+// The background of a view.
+struct Background {
+  math::Vec3 colour{0, 0, 0};
+  // Not null: the colour is that of the image after this colour map, in device memory.
+  const float* map = nullptr;
+};
+
 struct View {
   math::PinholeCamera camera;
   math::Vec3 centre;  // of the camera, world space
   float ticks = 0;
-  math::Vec3 background{0, 0, 0};
-  // Not null: the background is that of the image after this colour map, in device memory.
-  const float* background_map = nullptr;
+  Background background;
   float drop_share = 0;  // fraction of the primitives to drop, see dropped()
   Random drop_random{0, 0, RandomPurpose::kDrop};
   int coefficients = 1;  // SH coefficients evaluated
@@ -204,11 +208,11 @@ void launch_bin(std::uint32_t n, const View& view, std::size_t bound, const Work
                 cudaStream_t stream);
 // Blends: writes image, last, segments and checkpoints; surface and its checkpoints.
 void launch_blend(const View& view, const Workspace& w, cudaStream_t stream);
+// As TrainBackend::limit_scales, on the learnt values. `cameras`: device memory.
+void launch_limit_scales(const Primitives& p, const math::PinholeCamera* cameras,
+                         std::uint32_t count, float pixels, cudaStream_t stream);
 // Adds each primitive's squared blend weights at the pixels of the view, times kImportanceOne, to
 // `sums` (train/importance.h). The sums are integers, so the order of summation does not matter.
-// As TrainBackend::limit_scales, on the learnt values.
-void launch_limit_scales(const Primitives& p, std::span<const math::PinholeCamera> cameras,
-                         float pixels, cudaStream_t stream);
 void launch_importance(const View& view, unsigned long long* sums, const Workspace& w,
                        cudaStream_t stream);
 // Computes d_image, ssim_sums and loss_sums of the image corrected by `colour_map` (12 floats).

@@ -157,7 +157,7 @@ __global__ void __launch_bounds__(kThreads)
   for (std::size_t q = std::size_t{blockIdx.x} * kThreads + threadIdx.x; q < pixels;
        q += std::size_t{gridDim.x} * kThreads) {
     const std::size_t at = image_index(step, q);
-    const float4 colour = step.image[at], d = gradient[q];
+    const float4 colour = mapped_part(step.background, step.image[at]), d = gradient[q];
     const float g[3] = {step.weight * kInverse[0] * d.x, step.weight * kInverse[1] * d.y,
                         step.weight * kInverse[2] * d.z};
     float4 sum = step.d_image[at];
@@ -170,7 +170,7 @@ __global__ void __launch_bounds__(kThreads)
       by_map[3 * c] = fmaf(g[c], colour.x, by_map[3 * c]);
       by_map[3 * c + 1] = fmaf(g[c], colour.y, by_map[3 * c + 1]);
       by_map[3 * c + 2] = fmaf(g[c], colour.z, by_map[3 * c + 2]);
-      by_map[9 + c] += g[c];
+      by_map[9 + c] = fmaf(g[c], colour.w, by_map[9 + c]);
     }
   }
 #pragma unroll

@@ -9,6 +9,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "backend/cuda/kernels.h"
 #include "perceptual/patch.h"
 #include "perceptual/vgg_layers.h"
 
@@ -23,6 +24,7 @@ struct PerceptualStep {
   const float4* image = nullptr;               // rendered colours
   const std::uint8_t* ground_truth = nullptr;  // RGB
   const float* colour_map = nullptr;           // 12 floats, from rendered to corrected colour
+  Background background;
   int width = 0;
   Patch patch;                // at least kVggMinSize pixels per side
   float weight = 0;           // of the loss, applied to the gradients

@@ -85,9 +85,12 @@ __device__ inline SplatGradient splat_gradient(const Sums& s, Sym2 conic, float 
   return g;
 }
 
+// `opacity`: of the splat; `opacity_t`: O_t.
 __device__ inline math::SplatShapeGrad shape_gradient(const View& view, const SplatGradient& g,
-                                                      float opacity) {
-  return {g.mean, g.conic, view.kernel == math::kBandLimited ? g.opacity * opacity : 0.0f};
+                                                      float opacity, float opacity_t) {
+  const float by_log_opacity = g.opacity * opacity;
+  return {g.mean, g.conic, view.kernel == math::kBandLimited ? by_log_opacity : 0.0f,
+          opacity / opacity_t};
 }
 
 // Returns the gradient of a colour before it is clamped at 0.

@@ -11,7 +11,7 @@ View view_of(const StepInput& input, int stored_coefficients) {
   view.camera = input.camera;
   view.centre = math::camera_centre(input.camera);
   view.ticks = input.ticks;
-  view.background = input.background;
+  view.background.colour = input.background;
   view.drop_share = input.drop_share;
   view.drop_random = input.drop_random;
   view.coefficients = std::min((input.sh_degree + 1) * (input.sh_degree + 1), stored_coefficients);
@@ -219,6 +219,7 @@ Status StepPipeline::enqueue_perceptual(const StepInput& input, const View& view
                                         const std::uint8_t* ground_truth, const float* colour_map,
                                         cudaStream_t stream) {
   PerceptualStep step;
+  step.background = view.background;
   step.image = workspace_.image;
   step.ground_truth = ground_truth;
   step.colour_map = colour_map;
@@ -279,7 +280,7 @@ Status StepPipeline::enqueue(const DeviceState& state, const StepInput& input,
                             input.weight_perceptual};
   const auto index = static_cast<std::uint32_t>(input.colour_index);
   const float* map = state.colour().map + kIdentityColour.size() * input.colour_index;
-  if (input.background_is_mapped) view.background_map = map;
+  if (input.background_is_mapped) view.background.map = map;
   const Workspace& w = workspace_;
   stage("begin");
   launch_slice(primitives, view, w, stream);

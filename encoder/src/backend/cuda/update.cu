@@ -136,13 +136,13 @@ __device__ PrimitiveTerms primitive_gradients(const Primitives& p, std::uint32_t
   const Vec3 by_colour =
       colour_backward(p.rendered.sh + std::size_t{3} * p.sh_coefficients * i, view.coefficients,
                       from_camera, own.splat, grad.colour, stage);
-  const float by_log_opacity = grad.opacity * splat_opacity;
-  const PoseGradient by_pose =
-      pose_gradient<kPlanes>(view, own, pose, shape_gradient(view, grad, splat_opacity), by_colour);
-  const MotionGrad by_motion = position_at_grad(own.values.u, pose.dt, by_pose.position);
   const float opacity = opacity_of(own.values.logit);
   // The splat's opacity is proportional to l(t) and to O. It is rendered, so neither is 0.
   const float visible = visibility(pose.dt, sigma, radius);
+  const float by_log_opacity = grad.opacity * splat_opacity;
+  const PoseGradient by_pose = pose_gradient<kPlanes>(
+      view, own, pose, shape_gradient(view, grad, splat_opacity, opacity * visible), by_colour);
+  const MotionGrad by_motion = position_at_grad(own.values.u, pose.dt, by_pose.position);
   const VisibilityGrad by_visibility =
       visibility_grad(pose.dt, sigma, radius, by_log_opacity / visible);
   Vec3 by_velocity = by_motion.u;

@@ -32,7 +32,7 @@ using ConversionNotes = std::vector<std::string>;
 // location"; "" if there is none. `camera`: the name of the start camera in the list. `described`:
 // whether the list includes the title and the metres per unit.
 std::string list_metadata(const SceneMetadata& metadata, const char* camera, bool described);
-// Adds a note if splats of this kernel look different in viewers of a format that states none.
+// Adds a note if the splats are band-limited, for a format that cannot state it.
 void note_kernel(int kernel, const char* format, ConversionNotes* notes);
 
 // Makes primitives static and fully visible over a clip of `frames` ticks: T = frames / 2, u = 0,

@@ -21,11 +21,11 @@ inline constexpr int kTileSize = 16;  // pixels, width and height
 struct alignas(64) Splat {
   math::Vec2 mean;    // pixels
   math::Sym2 conic;   // 1/pixels^2
-  float opacity;      // O_t = O l(t), after slicing
+  float opacity;      // O_s (representation 3.4), after slicing
   math::Vec3 colour;  // sRGB-encoded, >= 0
   float depth;        // camera z
   math::Vec2 extent;  // half size of a box outside which alpha < kAlphaThreshold, pixels
-  float reach;        // largest visible half squared distance: ln(O_t / kAlphaThreshold)
+  float reach;        // largest visible half squared distance: ln(O_s / kAlphaThreshold)
   std::uint32_t id;   // index of the primitive in its set, plus id_base
 };
 
@@ -93,7 +93,7 @@ struct RasterSettings {
   std::optional<Fovea> fovea;               // none: full resolution everywhere
   bool scalar = false;    // use the scalar reference target instead of the vector unit
   int max_sh_degree = 3;  // SH above this degree are ignored
-  int kernel = 0;         // of the splats (representation 3.4, 3.7)
+  int kernel = 0;         // of the splats (representation 3.4)
 };
 
 // Starts a frame of the camera's size, without splats. This and the following functions throw

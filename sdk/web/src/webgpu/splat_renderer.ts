@@ -135,7 +135,7 @@ export class SplatRenderer implements SegmentSink {
   }
 
   /** Removes all segments. `kernel`: that of the scene's description (`SceneInfo`). */
-  setScene({ kernel }: Pick<SceneInfo, "kernel"> = { kernel: 0 }): void {
+  setScene({ kernel }: Pick<SceneInfo, "kernel">): void {
     this.kernel = kernel;
     this.scene.clear();
   }

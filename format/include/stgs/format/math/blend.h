@@ -26,7 +26,7 @@ STGS_FN float splat_power(Sym2 conic, float dx, float dy) {
   return 0.5f * (conic.xx * dx * dx + conic.yy * dy * dy) + conic.xy * dx * dy;
 }
 
-// Alpha of a splat of opacity O_t at half squared distance `power`; 0 below kAlphaThreshold. A
+// Alpha of a splat of opacity O_s at half squared distance `power`; 0 below kAlphaThreshold. A
 // negative distance is a rounding error near the centre of an elongated splat and counts as 0.
 STGS_FN float splat_alpha(float opacity, float power) {
   float alpha = smaller(kAlphaMax, opacity * exp(-larger(0.0f, power)));
