@@ -65,6 +65,7 @@ class Foreground(CliTest):
         alone = self.json_of(*evaluate, "--foreground", "--masks", os.path.join(folder, "masks"))
         self.assertNotEqual(alone["psnr"], self.json_of(*evaluate)["psnr"])
         self.assertGreater(alone["masked_pixels"], 0)
+        self.assertTrue(alone["foreground"])
         pack = ("pack", "a.stgs", "-o", "b.stgs")
         self.json_of(*pack, "--against", folder, "--foreground")
         self.fails(USAGE, "--foreground requires --against", *pack, "--foreground")

@@ -293,19 +293,6 @@ class Evaluate final : public Command {
     return {};
   }
 
-  void add_masked(const Scores& s, Json& json) const {
-    if (!masks_.given()) return;
-    json["psnr_masked"] =
-        s.masked.pixels > 0 ? Json(encoder::psnr_of(s.masked.mean())) : Json(nullptr);
-    json["masked_pixels"] = s.masked.pixels;
-  }
-
-  std::string masked_text(const Scores& s) const {
-    if (!masks_.given()) return "";
-    if (s.masked.pixels == 0) return ", the masks are empty";
-    return fmt::format(", within the masks {:.3f} dB", encoder::psnr_of(s.masked.mean()));
-  }
-
   // The row of the paper's table.
   std::string protocol_text(const Scores& mean, std::size_t images) const {
     if (protocol_.empty()) return "";
@@ -338,7 +325,7 @@ class Evaluate final : public Command {
                    {"height", camera.height},
                    {"frames", scores_[c].size()}};
       view.update(to_json(mean));
-      add_masked(mean, view);
+      masks_.add(mean.masked, view);
       lpips_.add(mean.lpips, view);
       views.push_back(view);
       row(one_line(camera.name), fmt::format("{}x{}", camera.width, camera.height),
@@ -356,17 +343,18 @@ class Evaluate final : public Command {
                         coverage_.by_none, coverage_.by_one, coverage_.by_more);
     text += mean.flicker.text();
     text += fmt::format("psnr of the pooled error {:.3f} dB{}{}, peak memory {}\n",
-                        encoder::psnr_of(mean.mse), masked_text(mean), lpips_.text(mean.lpips),
-                        human_bytes(peak_memory()));
+                        encoder::psnr_of(mean.mse), masks_.text(mean.masked),
+                        lpips_.text(mean.lpips), human_bytes(peak_memory()));
     text += protocol_text(mean, all.size());
     Json json = {{"file", shown_file()},
                  {"against", folder_},
                  {"protocol", protocol_.empty() ? Json(nullptr) : Json(protocol_)},
                  {"cameras", which_},
                  {"every", every_},
+                 {"foreground", masks_.foreground()},
                  {"images", all.size()}};
     json.update(to_json(mean));
-    add_masked(mean, json);
+    masks_.add(mean.masked, json);
     lpips_.add(mean.lpips, json);
     json["static_drift"] = to_json(drift_);
     json["coverage"] = to_json(coverage_);

@@ -10,6 +10,7 @@
 
 #include "arguments.h"
 #include "moving.h"
+#include "session.h"
 #include "stgs/encoder/image_file.h"
 #include "stgs/encoder/prepared_capture.h"
 
@@ -28,6 +29,7 @@ class MasksOption {
         "scene");
   }
   bool given() const { return !folder_.empty(); }
+  bool foreground() const { return foreground_; }
   // With --foreground, sets the background of the scene outside the masks of the capture.
   void apply(const SceneMetadata& scene, encoder::PreparedCapture& capture) const {
     if (!foreground_) return;
@@ -37,6 +39,19 @@ class MasksOption {
       colour[c] = static_cast<std::uint8_t>(std::lround(255 * value));
     }
     capture.mask_background = colour;
+  }
+
+  // Adds the errors within the masks, summed over frames, if there are masks.
+  void add(const ErrorSum& masked, Json& json) const {
+    if (!given()) return;
+    json["psnr_masked"] = masked.pixels > 0 ? Json(encoder::psnr_of(masked.mean())) : Json(nullptr);
+    json["masked_pixels"] = masked.pixels;
+  }
+  std::string text(const ErrorSum& masked) const {
+    std::string out = foreground_ ? ", of the foreground" : "";
+    if (!given()) return out;
+    if (masked.pixels == 0) return out + ", the masks are empty";
+    return out + fmt::format(", within the masks {:.3f} dB", encoder::psnr_of(masked.mean()));
   }
 
   // Returns the error within the mask of a frame. kIo for a missing mask, kInvalidFile for one of
