@@ -22,8 +22,7 @@ using stgs::test::short_run;
 using stgs::test::SyntheticCapture;
 using stgs::test::write_masks;
 
-TEST_CASE(
-    "the inverse of a colour map takes its results back, and a singular one changes nothing") {
+TEST_CASE("a colour map is undone by its inverse, and a singular one changes nothing") {
   const ColourMap map = {0.9f, 0.05f,  -0.1f, 0.02f, 1.1f,  0.04f,
                          0.0f, -0.03f, 0.95f, 0.1f,  -0.2f, 0.05f};
   const math::Vec3 x{0.2f, 0.6f, 0.9f};

@@ -35,7 +35,11 @@ TEST_CASE("training from rough grey points recovers a held-out view") {
   CHECK(scene->metadata.frames == 6);
 }
 
-TEST_CASE("refinement finds the camera that is disturbed") {
+namespace {
+
+// Disturbs a camera, and checks that refinement names it, corrects it and improves a held-out view.
+// The gain differs by half a dB between runs that differ in rounding.
+void check_refinement(const char* kernel) {
   SyntheticCapture synthetic(8);
   const std::size_t disturbed = 3;
   Camera& camera = synthetic.capture.cameras[disturbed];
@@ -43,6 +47,7 @@ TEST_CASE("refinement finds the camera that is disturbed") {
   camera = corrected(camera, {0.020f, -0.0284f, 0.0f, -0.04f, -0.08f, 0.04f, 0.0f});
   TrainSettings settings = short_run(3000);
   settings.overrides.emplace_back("compact_share", "0");
+  settings.overrides.emplace_back("kernel", kernel);
   const Result<Scene> trusting = run(synthetic, settings);
   settings.refine_cameras = true;
   TrainReport report;
@@ -60,9 +65,20 @@ TEST_CASE("refinement finds the camera that is disturbed") {
     CAPTURE(found.camera.name, found.degrees, found.shift, found.zoom, found.pixels);
     const bool is_disturbed = found.camera.name == camera.name;
     CHECK((found.pixels > 1) == is_disturbed);
+    if (is_disturbed) {
+      CHECK(found.degrees == Approx(2).margin(0.3));
+      CHECK(found.shift == Approx(0.04).margin(0.008));
+    }
     CHECK((logged.find(fmt::format("camera '{}'", found.camera.name)) != std::string::npos) ==
           is_disturbed);
   }
+}
+
+}  // namespace
+
+TEST_CASE("refinement finds the camera that is disturbed, and its correction, with both kernels") {
+  check_refinement("0");
+  check_refinement("1");
 }
 
 TEST_CASE("two ranks recover a held-out view as well as one rank over the same number of views") {
@@ -227,13 +243,13 @@ TEST_CASE("a limit of the file decides how many primitives remain") {
     REQUIRE(pack({trained}, packed, {}, &report).ok());
     return report;
   };
-  TrainSettings settings = short_run(60);
+  TrainSettings settings = short_run(120);
   settings.overrides.emplace_back("compact_keep", "1");
   const PackReport all = pack_of(settings);
   settings.overrides.pop_back();
   settings.target_size = 0.6 * static_cast<double>(all.bytes_out);
   const PackReport limited = pack_of(settings);
-  CHECK(static_cast<double>(limited.bytes_out) <= 1.06 * settings.target_size);
+  CHECK(static_cast<double>(limited.bytes_out) <= 1.03 * settings.target_size);
   CHECK(static_cast<double>(limited.bytes_out) >= 0.7 * settings.target_size);
   CHECK(limited.primitives < all.primitives);
   CHECK(limited.quality == 80);

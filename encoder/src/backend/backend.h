@@ -42,7 +42,8 @@ struct StepInput {
   TrainingImage ground_truth;      // of the camera's size
   std::size_t colour_index = 0;    // of the colour correction to use
   math::Vec3 background{0, 0, 0};  // sRGB-encoded
-  // Whether the background is that of the image after the colour map, as of foreground images.
+  // Whether the background is a colour of the image after the colour map, as in foreground
+  // training.
   bool background_is_mapped = false;
   // Fraction of the primitives that the step drops, and their selection (see dropped()).
   float drop_share = 0;

@@ -19,8 +19,7 @@ struct UnmappedBackground {
 
 // Backward of apply_colour: replaces d_corrected (dL/dcorrected) with dL/dcolour and returns
 // dL/dmap.
-// `unmapped`: not null if the background of the corrected image is given, so that the map acts on
-// the rest alone.
+// `unmapped`: the background, if the map does not act on it; null: it acts on all of the image.
 ColourMap colour_backward(const ColourMap& map, const Image& colour, Image& d_corrected,
                           const UnmappedBackground* unmapped = nullptr);
 

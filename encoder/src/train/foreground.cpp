@@ -10,21 +10,21 @@ namespace {
 
 constexpr double kMinShare = 0.75;
 
-// Counts of the images that contain a point, and of those whose mask does.
-struct Sightings {
+// Numbers of images and of masks that contain a point.
+struct MaskCounts {
   int images = 0, masks = 0;
 };
 
 void count(const math::PinholeCamera& camera, const Image8& mask, const InitialPoint& point,
-           Sightings& sightings) {
+           MaskCounts& counts) {
   const math::Vec3 c =
       math::to_camera(camera, {point.position[0], point.position[1], point.position[2]});
   if (!(c.z >= camera.near_plane)) return;
   const float x = camera.fx * c.x / c.z + camera.cx, y = camera.fy * c.y / c.z + camera.cy;
   if (!(x >= 0 && y >= 0 && x < camera.width && y < camera.height)) return;
   const auto at = static_cast<std::size_t>(y) * mask.width + static_cast<std::size_t>(x);
-  ++sightings.images;
-  if (mask.data[at] >= kMinMask) ++sightings.masks;
+  ++counts.images;
+  if (mask.data[at] >= kMinMask) ++counts.masks;
 }
 
 }  // namespace
@@ -43,19 +43,19 @@ math::Vec3 mask_background_of(std::size_t view) {
 }
 
 Status keep_foreground(const PreparedCapture& capture, std::vector<InitialPoint>& statics) {
-  std::vector<Sightings> sightings(statics.size());
+  std::vector<MaskCounts> counts(statics.size());
   for (const Camera& camera : capture.training_cameras()) {
     const math::PinholeCamera pinhole = camera.pinhole(capture.near_plane);
     for (const int frame : {0, capture.frames / 2, capture.frames - 1}) {
       STGS_ASSIGN(const Image8 mask, load_mask(capture, camera, frame));
       if (mask.data.empty()) return missing_mask(capture, camera, frame);
       parallel_for(std::size_t{0}, statics.size(),
-                   [&](std::size_t i) { count(pinhole, mask, statics[i], sightings[i]); });
+                   [&](std::size_t i) { count(pinhole, mask, statics[i], counts[i]); });
     }
   }
   std::size_t kept = 0;
   for (std::size_t i = 0; i < statics.size(); ++i) {
-    const Sightings& s = sightings[i];
+    const MaskCounts& s = counts[i];
     if (s.images > 0 && s.masks >= kMinShare * s.images) statics[kept++] = statics[i];
   }
   statics.resize(kept);

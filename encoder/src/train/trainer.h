@@ -103,7 +103,7 @@ class Trainer {
   void report_cameras() const;
   // Renders with the cameras of the state from now on.
   void use_cameras();
-  // With dilated splats, nothing becomes thin on screen.
+  // Dilated splats are never thin on screen, so their scales need no limit.
   bool limits_scales() const {
     return parameters_.min_scale > 0 && parameters_.kernel == math::kBandLimited &&
            !state_.is_coupled();

@@ -79,7 +79,7 @@ struct PreparedCapture {
   std::string mask_path(const Camera& camera, int frame) const;
 };
 
-// The background of scenes of the foreground alone.
+// The background of a scene that was trained with TrainSettings::foreground.
 inline constexpr std::array<std::uint8_t, 3> kMaskBackground = {0, 0, 0};
 inline constexpr std::uint8_t kMinMask = 128;  // inside
 

@@ -26,8 +26,8 @@ __device__ inline math::Vec3 rendered_background(const Background& background) {
                                    : before_colour_map(background.map, background.colour);
 }
 
-// Returns the colour that a colour map acts on, and the weight of its offset, from a rendered
-// colour with its transmittance: without the background, if that is not mapped.
+// Returns the part of a rendered colour on which the colour map acts, and in w the weight of the
+// map's offset. `rendered`: with the transmittance in w.
 __device__ inline float4 mapped_part(const Background& background, float4 rendered) {
   if (background.map == nullptr) return make_float4(rendered.x, rendered.y, rendered.z, 1.0f);
   const math::Vec3 b = rendered_background(background);

@@ -40,7 +40,7 @@ export function imageOutput(height: number, bind: () => void): SplatOutput {
   return { bind, left: 0, top: height, depth: [0, 0, 0], isLinear: false };
 }
 
-/** What an image shows. */
+/** A scene as an image shows it. */
 export interface SplatImage {
   camera: Camera;
   ticks: number;

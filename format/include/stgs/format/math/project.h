@@ -10,7 +10,7 @@
 STGS_MATH_BEGIN
 
 // Kernels of the splats (spec/representation.md, 3.4). kDilated is that of 3DGS. With kBandLimited
-// (Mip-Splatting), a splat is the Gaussian as pixels of any size integrate it.
+// (Mip-Splatting), a splat of any size has the integral of its Gaussian over the image.
 const int kDilated = 0;
 const int kBandLimited = 1;
 
@@ -158,7 +158,7 @@ STGS_FN Projection project_gaussian(PinholeCamera camera, Vec3 mean, Sym3 covari
   return p;
 }
 
-// The opacity of a splat of a Gaussian whose opacity is O_t.
+// Opacity O_s of the splat of a Gaussian of opacity O_t.
 STGS_FN float splat_opacity(int kernel, float opacity, Projection p) {
   return kernel == kBandLimited ? opacity * p.coverage : opacity;
 }
