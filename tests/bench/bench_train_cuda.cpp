@@ -135,8 +135,8 @@ Status measure(const Case& c, const Settings& settings) {
   parameters.prune_opacity = 0.0;
   parameters.prune_scale = 1e9;
   start = Clock::now();
-  for (const bool refining : {false, true}) {
-    STGS_TRY(backend.densify({&parameters, {}, refining, false}).status());
+  for (const DensifyStep step : {DensifyStep::kGrow, DensifyStep::kReplace}) {
+    STGS_TRY(backend.densify({&parameters, {}, step, false}).status());
   }
   const double densify = std::chrono::duration<double, std::milli>(Clock::now() - start).count();
   StageTimes times(backend.stream());

@@ -17,14 +17,27 @@ namespace {
 using Values = std::map<std::string, std::string>;
 
 // A short run that exercises every component of the method.
-const Values kBase = {
-    {"iterations", "14"},       {"max_primitives", "80"},   {"sh_degree", "1"},
-    {"densify_interval", "1"},  {"stage1_until", "0.4"},    {"opacity_resets", "1"},
-    {"clone_gradient", "1e-5"}, {"split_gradient", "1e-5"}, {"split_scale", "0.18"},
-    {"prune_opacity", "0.45"},  {"replace_limit", "0.1"},   {"plain_reset", "0.35"},
-    {"drop_share", "0.1"},      {"weight_normal", "0.2"},   {"sigma_dynamic", "0.2"},
-    {"still_least", "0.5"},     {"sigma_static", "0.145"},  {"lr_sigma", "0.05"},
-    {"compact_share", "0"}};
+const Values kBase = {{"iterations", "14"},
+                      {"max_primitives", "80"},
+                      {"sh_degree", "1"},
+                      {"densify_interval", "1"},
+                      {"stage1_until", "0.4"},
+                      {"opacity_resets", "1"},
+                      {"clone_gradient", "1e-5"},
+                      {"split_gradient", "1e-5"},
+                      {"split_scale", "0.18"},
+                      {"prune_opacity", "0.45"},
+                      {"replace_limit", "0.1"},
+                      {"plain_reset", "0.35"},
+                      {"drop_share", "0.1"},
+                      {"weight_normal", "0.2"},
+                      {"sigma_dynamic", "0.2"},
+                      {"still_least", "0.5"},
+                      {"sigma_static", "0.145"},
+                      {"lr_sigma", "0.05"},
+                      {"compact_share", "0"},
+                      {"initial_opacity_dynamic", "0.5"},
+                      {"initial_scale_dynamic", "0.8"}};
 
 // Parameters for which 1.7 times the base value is invalid or has no visible effect.
 const Values kOther = {{"iterations", "15"},
@@ -46,6 +59,7 @@ const Values kOther = {{"iterations", "15"},
                        {"min_scale", "4"},
                        {"velocity_times_f", "0"},
                        {"initial_radius", "1"},
+                       {"initial_scale", "0.2"},
                        {"densify_until", "0.6"},
                        {"prune_opacity", "0.3"},
                        {"plain_prune", "0.4"},
@@ -65,12 +79,22 @@ const Values kOther = {{"iterations", "15"},
                        {"perceptual_patch", "32"},
                        {"velocity_share", "1"}};
 
-TrainSettings settings_of(const std::string& ablate, const Values& values) {
+// The same for the published methods.
+const Values kOfMethods = {
+    {"kernel", "1"}, {"densify_from", "0.8"}, {"velocity_shrink", "1000"}, {"still_from", "2"}};
+
+bool is_method(const std::string& variant) {
+  const std::vector<std::string> methods = method_names();
+  return std::find(methods.begin(), methods.end(), variant) != methods.end();
+}
+
+// Returns the settings of a variant: the name of a method or of ablations.
+TrainSettings settings_of(const std::string& variant, const Values& values) {
   TrainSettings settings;
   settings.preset = "fast";
   settings.backend = "cpu";
   settings.held_out_evaluations = 0;
-  settings.ablate = ablate;
+  (is_method(variant) ? settings.method : settings.ablate) = variant;
   settings.overrides.assign(values.begin(), values.end());
   return settings;
 }
@@ -83,14 +107,20 @@ bool is_rejected(const TrainSettings& settings) {
   return true;
 }
 
-// The base without the parameters that the ablation does not use.
-Values base_of(const std::string& ablate) {
+// The base without the parameters that the variant does not use.
+Values base_of(const std::string& variant) {
   Values base = kBase;
-  if (ablate == "initialisation") {  // few points, all of the largest initial size
+  if (variant == "initialisation") {  // few points, all of the largest initial size
     base["split_scale"] = "0.1875";
     base["clone_gradient"] = "3e-6";
   }
-  std::erase_if(base, [&](const auto& value) { return is_rejected(settings_of(ablate, {value})); });
+  std::erase_if(base,
+                [&](const auto& value) { return is_rejected(settings_of(variant, {value})); });
+  if (variant == "freetimegs") {  // with damping, which it lacks
+    base["velocity_shrink"] = "0.5";
+    base["still_least"] = "0.5";
+    base["sigma_static"] = "0.3";
+  }
   return base;
 }
 
@@ -126,23 +156,23 @@ TEST_CASE("the hyper-parameters of refined cameras change the scene; two cameras
   CHECK(status.message().find("at least 3 training cameras") != std::string::npos);
 }
 
-TEST_CASE("every hyper-parameter changes the scene or is rejected, with and without ablations") {
+TEST_CASE("every hyper-parameter changes the scene or is rejected, for every method and ablation") {
   const SyntheticCapture synthetic(3, 4);
-  std::vector<std::string> parts = ablation_names();
-  parts.insert(parts.begin(), "");
+  std::vector<std::string> variants = ablation_names();
+  variants.insert(variants.end(), {"", "freetimegs", "4dgs"});
   std::map<std::string, std::vector<std::string>> left_out;
-  for (const std::string& ablate : parts) {
+  for (const std::string& variant : variants) {
     // Rounding hides small differences, so only its own parameters are tested with it.
-    Values plain = base_of(ablate), compacted = plain;
-    if (ablate != "representation") {
+    Values plain = base_of(variant), compacted = plain;
+    if (variant != "representation" && variant != "4dgs") {
       compacted["compact_share"] = "0.5";
       compacted["compact_quality"] = "100";
       compacted["iterations"] = "30";
       compacted["lr_sh_rest"] = "0.05";
-      if (ablate != "initialisation") compacted.erase("sigma_static");
+      if (variant != "initialisation") compacted.erase("sigma_static");
     }
-    const Result<Scene> before_plain = test::run(synthetic, settings_of(ablate, plain));
-    const Result<Scene> before_compacted = test::run(synthetic, settings_of(ablate, compacted));
+    const Result<Scene> before_plain = test::run(synthetic, settings_of(variant, plain));
+    const Result<Scene> before_compacted = test::run(synthetic, settings_of(variant, compacted));
     INFO(before_plain.status().message());
     REQUIRE(before_plain.ok());
     REQUIRE(before_compacted.ok());
@@ -154,13 +184,15 @@ TEST_CASE("every hyper-parameter changes the scene or is rejected, with and with
       Values changed = base;
       const auto entry = base.find(name);
       changed[name] = other_value(name, entry == base.end() ? value : entry->second);
-      const TrainSettings settings = settings_of(ablate, changed);
+      const auto exception = kOfMethods.find(name);
+      if (is_method(variant) && exception != kOfMethods.end()) changed[name] = exception->second;
+      const TrainSettings settings = settings_of(variant, changed);
       if (is_rejected(settings)) {
-        left_out[ablate].push_back(name);
+        left_out[variant].push_back(name);
         continue;
       }
       const Result<Scene> after = test::run(synthetic, settings);
-      CAPTURE(ablate, name, changed[name], after.status().message());
+      CAPTURE(variant, name, changed[name], after.status().message());
       REQUIRE(after.ok());
       CHECK_FALSE(same_scene(*before, *after));
     }

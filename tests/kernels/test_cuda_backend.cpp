@@ -290,15 +290,16 @@ TrainState state_before_densification() {
 
 TEST_CASE("densification makes the same decisions as on the CPU") {
   HyperParameters parameters = *preset_hyper_parameters("fast");
-  for (const bool refining : {false, true}) {
+  for (const DensifyStep step :
+       {DensifyStep::kGrow, DensifyStep::kReplace, DensifyStep::kRelocate}) {
     for (const int max_primitives : {5200, 20000}) {
       DensifyContext context{2.0f, true, max_primitives == 20000, 11, {}};
       context.free_space.count = 1;
       context.free_space.views[0] = {
           {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}, 0.2f, 0.2f, 3.5f, 0.1f};
-      INFO((refining ? "replace, " : "grow, ") << "at most " << max_primitives);
+      INFO("step " << static_cast<int>(step) << ", at most " << max_primitives);
       parameters.max_primitives = max_primitives;
-      const DensifyInput input{&parameters, context, refining, !refining};
+      const DensifyInput input{&parameters, context, step, step == DensifyStep::kGrow};
       TrainState cpu = state_before_densification(), gpu = cpu;
       CHECK(densify_both(cpu, gpu, input).non_finite == 6);
       for (int a = 0; a < kAttributes; ++a) {

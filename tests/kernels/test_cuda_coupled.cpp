@@ -97,7 +97,10 @@ TEST_CASE("densification in the coupled form makes the same decisions as on the 
     }
     cpu.iteration = 700;
     TrainState gpu = cpu;
-    const DensifyInput input{&parameters, {2.0f, false, false, 11}, refining, false};
+    const DensifyInput input{&parameters,
+                             {2.0f, false, false, 11},
+                             refining ? DensifyStep::kReplace : DensifyStep::kGrow,
+                             false};
     INFO((refining ? "replace" : "grow"));
     densify_both(cpu, gpu, input);
     // replace() leaves non-finite primitives that it has no replacement for.

@@ -3,12 +3,14 @@
 #include "train/densify.h"
 
 #include <cmath>
+#include <tuple>
 
 #include "catch.h"
 #include "random_train_state.h"
 #include "stgs/format/math/blend.h"
 #include "train/densify_plan.h"
 #include "train/densify_rules.h"
+#include "train/relocation.h"
 
 using namespace stgs;
 using namespace stgs::encoder;
@@ -80,7 +82,7 @@ TEST_CASE("the plan follows the paper, or 3DGS under plain densification") {
   p.opacity_resets = 2;
   const Ablation full;
   Ablation plain;
-  plain.densification = false;
+  plain.densification = Densification::kPlain;
   const auto plan_at = [&](const Ablation& ablation, double progress) {
     return densify_plan(p, ablation, progress, true);
   };
@@ -102,6 +104,82 @@ TEST_CASE("the plan follows the paper, or 3DGS under plain densification") {
     CHECK(plan_at(plain, progress).grow == (progress < 0.5));
   }
   CHECK_FALSE(plan_at(plain, 0.5).gather);
+}
+
+TEST_CASE("FreeTimeGS relocates from the start to its end, with L_opacity") {
+  const HyperParameters p;
+  Ablation parts;
+  parts.densification = Densification::kRelocation;
+  const DensifyPlan before = densify_plan(p, parts, 0.02, true);
+  CHECK_FALSE(before.relocate);
+  CHECK(before.second_stage);
+  for (const double progress : {0.1, 0.5, 0.84}) {
+    const DensifyPlan plan = densify_plan(p, parts, progress, true);
+    CHECK(plan.relocate);
+    CHECK_FALSE(plan.grow);
+    CHECK_FALSE(plan.replace);
+    CHECK_FALSE(densify_plan(p, parts, progress, false).relocate);
+  }
+  CHECK_FALSE(densify_plan(p, parts, 0.86, true).relocate);
+}
+
+TEST_CASE("relocated copies render as their source") {
+  for (const double opacity : {0.05, 0.5, 0.99}) {
+    const RelocatedValues same = relocated_values(opacity, 1);
+    CHECK(same.opacity == Approx(opacity));
+    CHECK(same.scale == Approx(1.0));
+    for (const int n : {2, 5, 51}) {
+      const RelocatedValues values = relocated_values(opacity, n);
+      CHECK(1.0 - std::pow(1.0 - values.opacity, n) == Approx(opacity));
+      // The integral along a line through the centre is that of the source (3DGS-MCMC, eq. 9).
+      double source = 0, copies = 0;
+      for (double x = -6; x <= 6; x += 1e-3) {
+        source += 1e-3 * opacity * std::exp(-0.5 * x * x);
+        const double y = x / values.scale;
+        copies += 1e-3 * (1.0 - std::pow(1.0 - values.opacity * std::exp(-0.5 * y * y), n));
+      }
+      CHECK(copies == Approx(source).epsilon(0.01));
+    }
+  }
+}
+
+TEST_CASE("faint primitives are relocated to opaque ones with large gradients") {
+  TrainState state = random_train_state(3000, 7);
+  HyperParameters parameters;
+  parameters.prune_scale = 1e6;
+  for (std::size_t i = 0; i < state.size(); ++i) {
+    // Faint, opaque, and opaque with a gradient, in turn.
+    state.set.opacity_logit[i] = i % 3 == 0 ? -8.0f : 0.0f;
+    state.statistics.views[i] = 2;
+    state.statistics.gradient_sum[i] = i % 3 == 2 ? 1e-3f : 0.0f;
+  }
+  const FloatArray before = state.set.position;
+  const DensifyCounts counts = relocate(state, parameters, {});
+  CHECK(counts.replaced == 1000);
+  REQUIRE(state.size() == 3000);
+  int from_gradient = 0;
+  for (std::size_t i = 0; i < state.size(); i += 3) {
+    // The nearest of the others is the source, except where the samples of a Gaussian meet.
+    std::size_t nearest = 1;
+    double least = 1e30;
+    for (std::size_t j = 1; j < state.size(); ++j) {
+      if (j % 3 == 0) continue;
+      double square = 0;
+      for (int c = 0; c < 3; ++c)
+        square += std::pow(state.set.position[3 * i + c] - before[3 * j + c], 2);
+      if (square < least) std::tie(least, nearest) = std::tuple(square, j);
+    }
+    from_gradient += nearest % 3 == 2 ? 1 : 0;
+    CHECK(state.set.opacity_logit[i] < 0.0f);
+    CHECK(state.updates[i] == 0);
+  }
+  // Half of the probability is that of the opacities: 3/4 of the sources have gradients.
+  CHECK(from_gradient > 600);
+  CHECK(from_gradient < 850);
+  for (std::uint32_t views : state.statistics.views) CHECK(views == 0);
+  // Nothing to copy from.
+  std::fill(state.set.opacity_logit.begin(), state.set.opacity_logit.end(), -8.0f);
+  CHECK(relocate(state, parameters, {}).replaced == 0);
 }
 
 TEST_CASE("a non-finite primitive is replaced or removed") {

@@ -12,6 +12,7 @@
 #include "moving.h"
 #include "session.h"
 #include "stgs/encoder/image_file.h"
+#include "stgs/encoder/metrics.h"
 #include "stgs/encoder/prepared_capture.h"
 
 namespace stgs::tools {

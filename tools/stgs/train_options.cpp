@@ -40,12 +40,18 @@ void TrainOptions::declare(Arguments& app, bool with_packing) {
                              "Write checkpoints to this file, periodically and when interrupted")
                   ->group(group));
   with_choices(
+      app.add_option("--method", settings_.method,
+                     "Method to train: sharptimegs, or freetimegs or 4dgs as published, to "
+                     "compare with"),
+      encoder::method_names())
+      ->capture_default_str()
+      ->group(group);
+  with_choices(
       app.add_option(
           "--ablate", ablate_,
-          "Disable parts of the method, comma-separated: representation (use the coupled one "
-          "of 4DGS), lifespan (r = 0), modulation (f = 1; with --set velocity_shrink=0 the "
-          "motion of FreeTimeGS), initialisation (points of the first frame only, all static, "
-          "v = 0), densification (as in 3DGS and 4DGS)"),
+          "Disable parts of sharptimegs, comma-separated: representation (use the coupled one "
+          "of 4DGS), lifespan (r = 0), modulation (f = 1), initialisation (points of the first "
+          "frame only, all static, v = 0), densification (as in 3DGS and 4DGS)"),
       encoder::ablation_names())
       ->delimiter(',')
       ->allow_extra_args(false)

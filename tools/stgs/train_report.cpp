@@ -153,6 +153,7 @@ Status write_train_report(const std::string& folder, const TrainReportInput& inp
   page.heading("Hyper-parameters");
   Rows parameters = input.report.parameters;
   parameters.insert(parameters.begin(), {{"preset", input.settings.preset},
+                                         {"method", input.settings.method},
                                          {"ablate", input.settings.ablate},
                                          {"seed", fmt::format("{}", input.settings.seed)}});
   page.table(parameters);

@@ -79,11 +79,13 @@ struct StepOutput {
   std::optional<math::CameraGrad> camera;  // gradient of L_recon, if it is gathered
 };
 
+enum class DensifyStep { kGrow, kReplace, kRelocate };
+
 struct DensifyInput {
   const HyperParameters* parameters = nullptr;
   DensifyContext context;
-  bool refining = false;       // replace() of the second stage instead of grow()
-  bool reset_opacity = false;  // after growing or replacing
+  DensifyStep step = DensifyStep::kGrow;
+  bool reset_opacity = false;  // after the step
 };
 
 // Upper bounds of the requirements of a run, known before it starts.
@@ -121,7 +123,8 @@ class TrainBackend {
   // Starts a step, which may still be in flight on return; a later call may return its error. The
   // input shares ownership of its image as long as needed.
   virtual Status step(const StepInput& input) = 0;
-  // Runs grow() or replace(), and reset_opacity(), of train/densify.h after the steps so far. The
+  // Runs grow(), replace() or relocate(), and reset_opacity(), of train/densify.h and
+  // train/relocation.h after the training steps so far. The
   // random numbers depend on the state's iteration, which the host updates.
   virtual Result<DensifyCounts> densify(const DensifyInput& input) = 0;
   // Raises scales below `pixels` to it, in pixels of the camera that samples the primitive most

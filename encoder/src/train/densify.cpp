@@ -18,16 +18,6 @@ math::Vec3 position_of(const TrainState& state, std::size_t i) {
   return {p[0], p[1], p[2]};
 }
 
-// Moves primitive i by a sample of its own Gaussian scaled by `factor`.
-void move_by_sample(TrainState& state, std::size_t i, float factor, Random& random) {
-  const float* q = &state.set.rotation[4 * i];
-  const math::Vec3 offset =
-      gaussian_sample({q[0], q[1], q[2], q[3]}, log_scale_of(state, i), factor, random);
-  state.set.position[3 * i] += offset.x;
-  state.set.position[3 * i + 1] += offset.y;
-  state.set.position[3 * i + 2] += offset.z;
-}
-
 // Makes `to` a clone of `from`. Both get the opacity that preserves the render; the clone is
 // offset.
 void clone_into(TrainState& state, std::size_t from, std::size_t to, Random& random) {
@@ -93,7 +83,17 @@ bool is_finite(const TrainState& state, std::size_t i) {
   return std::isfinite(state.set.sigma[i]) && state.set.sigma[i] > 0.0f;
 }
 
-// Lists the primitives that survive pruning; counts those with non-finite values.
+}  // namespace
+
+void move_by_sample(TrainState& state, std::size_t i, float factor, Random& random) {
+  const float* q = &state.set.rotation[4 * i];
+  const math::Vec3 offset =
+      gaussian_sample({q[0], q[1], q[2], q[3]}, log_scale_of(state, i), factor, random);
+  state.set.position[3 * i] += offset.x;
+  state.set.position[3 * i + 1] += offset.y;
+  state.set.position[3 * i + 2] += offset.z;
+}
+
 std::vector<std::uint32_t> list_survivors(const TrainState& state, const DensifyRules& rules,
                                           const FreeSpace& free_space, std::size_t& non_finite) {
   std::vector<std::uint32_t> survivors;
@@ -108,8 +108,6 @@ std::vector<std::uint32_t> list_survivors(const TrainState& state, const Densify
   }
   return survivors;
 }
-
-}  // namespace
 
 DensifyRules densify_rules(const HyperParameters& parameters, const DensifyContext& context) {
   return {static_cast<float>(context.plain ? parameters.plain_prune : parameters.prune_opacity),

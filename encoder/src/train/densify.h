@@ -45,6 +45,13 @@ DensifyCounts grow(TrainState& state, const HyperParameters& parameters,
 DensifyCounts replace(TrainState& state, const HyperParameters& parameters,
                       const DensifyContext& context);
 
+// Lists the primitives that survive pruning; counts those with non-finite values.
+std::vector<std::uint32_t> list_survivors(const TrainState& state, const DensifyRules& rules,
+                                          const FreeSpace& free_space, std::size_t& non_finite);
+
+// Moves primitive i by a sample of its own Gaussian scaled by `factor`.
+void move_by_sample(TrainState& state, std::size_t i, float factor, Random& random);
+
 // Returns the score s of every primitive (paper eq. 5), with E scaled so that its 99th percentile
 // is 1.
 std::vector<float> densification_scores(const TrainState& state, const HyperParameters& parameters,

@@ -10,7 +10,7 @@ DensifyPlan densify_plan(const HyperParameters& p, const Ablation& ablation, dou
   DensifyPlan plan;
   const bool started = progress >= p.densify_from;
   plan.second_stage = progress >= p.stage1_until;
-  if (!ablation.densification) {
+  if (ablation.densification == Densification::kPlain) {
     plan.gather = progress < p.plain_until;
     plan.grow = interval && started && plan.gather;
     plan.resets_due =
@@ -19,6 +19,11 @@ DensifyPlan densify_plan(const HyperParameters& p, const Ablation& ablation, dou
   }
   plan.gather = progress < p.densify_until;
   const bool due = interval && started && plan.gather;
+  if (ablation.densification == Densification::kRelocation) {
+    plan.second_stage = true;
+    plan.relocate = due;
+    return plan;
+  }
   plan.grow = due && !plan.second_stage;
   plan.replace = due && plan.second_stage;
   if (p.stage1_until > 0) {

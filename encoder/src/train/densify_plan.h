@@ -8,10 +8,11 @@
 namespace stgs::encoder {
 
 struct DensifyPlan {
-  bool grow = false;     // now
-  bool replace = false;  // now
-  bool gather = false;   // the step at this progress gathers statistics
-  // L_opacity is on (paper 3.4) and, unless densification is ablated, N is frozen (paper 3.2).
+  bool grow = false;      // now
+  bool replace = false;   // now
+  bool relocate = false;  // now
+  bool gather = false;    // the step at this progress gathers statistics
+  // L_opacity is on (paper 3.4) and, with the paper's densification, N is frozen (paper 3.2).
   bool second_stage = false;
   int resets_due = 0;  // opacity resets due so far; valid if grow
 };

@@ -45,6 +45,7 @@ std::uint64_t frame_sizes(const PreparedCapture& capture, const Camera& camera) 
 Fingerprint fingerprint_of(const HyperParameters& parameters, const TrainSettings& settings) {
   Fingerprint out = list_hyper_parameters(parameters);
   out.emplace_back("seed", fmt::format("{}", settings.seed));
+  out.emplace_back("method", settings.method);
   out.emplace_back("ablate", settings.ablate.empty() ? "nothing" : settings.ablate);
   out.emplace_back("refine_cameras", settings.refine_cameras ? "yes" : "no");
   out.emplace_back("foreground", settings.foreground ? "yes" : "no");

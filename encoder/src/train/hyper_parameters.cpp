@@ -145,7 +145,9 @@ struct HyperParameterTable {
     STGS_VISIT(visit, initial_opacity, 0.001, 0.999, "Opacity of static initial points");
     STGS_VISIT(visit, initial_opacity_dynamic, 0.001, 0.999, "Opacity of dynamic initial points");
     STGS_VISIT(visit, initial_scale, 1e-6, 1e6,
-               "Scale of initial points, times the distance to the neighbours");
+               "Scale of static initial points, times the distance to the neighbours");
+    STGS_VISIT(visit, initial_scale_dynamic, 1e-6, 1e6,
+               "Scale of dynamic initial points, times the distance to the neighbours");
     STGS_VISIT(visit, sigma_dynamic, 0.001, 1e6, "Sigma of dynamic initial points (paper 3.3)",
                "frames");
     STGS_VISIT(visit, sigma_static, 0.001, 1e6, "Sigma of static initial points (paper 3.3)",

@@ -109,8 +109,9 @@ struct HyperParameters {
 
   // Initialisation.
   double initial_opacity = 0.5;
-  double initial_opacity_dynamic = 0.5;
+  double initial_opacity_dynamic = 0.2;
   double initial_scale = 0.8;
+  double initial_scale_dynamic = 0.5;
   double sigma_dynamic = 3.0;
   double sigma_static = 3.0;
   double initial_radius = 1e-6;

@@ -98,8 +98,11 @@ Result<std::vector<InitialPoint>> load_points(const PreparedCapture& capture,
       std::fill_n(point.velocity, 3, 0.0f);
     }
   }
-  const auto budget = std::max(
-      std::size_t{1}, static_cast<std::size_t>(kInitialFraction * parameters.max_primitives));
+  // Relocation adds none.
+  const double fraction =
+      ablation.densification == Densification::kRelocation ? 1.0 : kInitialFraction;
+  const auto budget =
+      std::max(std::size_t{1}, static_cast<std::size_t>(fraction * parameters.max_primitives));
   const auto dynamic_budget =
       static_cast<std::size_t>(kDynamicFraction * static_cast<double>(budget));
   const std::size_t static_count =
@@ -179,8 +182,10 @@ Result<TrainState> initial_points_state(const PreparedCapture& capture,
   state.set.sh_degree = parameters.sh_degree;
   state.resize(points.size());
   for (std::size_t i = 0; i < points.size(); ++i) {
-    const float scale = std::clamp(static_cast<float>(parameters.initial_scale) * distances[i],
-                                   1e-4f * radius, 0.1f * radius);
+    const double factor =
+        points[i].frame >= 0 ? parameters.initial_scale_dynamic : parameters.initial_scale;
+    const float scale =
+        std::clamp(static_cast<float>(factor) * distances[i], 1e-4f * radius, 0.1f * radius);
     set_primitive(points[i], scale, capture, parameters, ablation, i, state);
   }
   const std::size_t training_cameras = capture.training_cameras().size();

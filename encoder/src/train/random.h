@@ -18,7 +18,8 @@ enum class RandomPurpose : std::uint64_t {
   kDrop = 5,
   kStatic = 6,
   kStereo = 7,
-  kBackground = 8
+  kBackground = 8,
+  kRelocation = 9
 };
 
 class Random {

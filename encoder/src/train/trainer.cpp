@@ -260,13 +260,16 @@ bool Trainer::densify_due() {
 Status Trainer::densify() {
   const DensifyPlan plan = densify_plan(parameters_, ablation_, growth_progress(), densify_due());
   if (plan.second_stage) state_.second_stage = 1;
-  if (!plan.grow && !plan.replace) return {};
+  if (!plan.grow && !plan.replace && !plan.relocate) return {};
   STGS_TRY(read_steps());
-  const DensifyContext context{capture_.extent, ablation_.modulation, !ablation_.densification,
-                               settings_.seed, free_space_};
+  const DensifyContext context{capture_.extent, ablation_.modulation,
+                               ablation_.densification == Densification::kPlain, settings_.seed,
+                               free_space_};
   const bool reset = plan.grow && static_cast<int>(state_.opacity_resets) < plan.resets_due;
-  STGS_ASSIGN(const DensifyCounts counts,
-              backend_->densify({&growth_, context, plan.replace, reset}));
+  const DensifyStep step = plan.grow      ? DensifyStep::kGrow
+                           : plan.replace ? DensifyStep::kReplace
+                                          : DensifyStep::kRelocate;
+  STGS_ASSIGN(const DensifyCounts counts, backend_->densify({&growth_, context, step, reset}));
   if (reset) ++state_.opacity_resets;
   if (counts.non_finite > 0) {
     log_(1, fmt::format("iteration {}: removed {} primitive{} with non-finite values",

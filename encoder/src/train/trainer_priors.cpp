@@ -17,8 +17,8 @@ Status Trainer::prepare_priors() {
         "--set normal_from has no effect, because L_n is off for rigs with many or close cameras; "
         "set weight_normal, too, or remove it");
   }
-  // Plain densification is that of 3DGS.
-  if (ablation_.densification) {
+  // The other densifications are as published.
+  if (ablation_.densification == Densification::kScored) {
     STGS_ASSIGN(free_space_, find_free_space(capture_));
   }
   if (sparsity > 0) {

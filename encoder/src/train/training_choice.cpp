@@ -12,6 +12,7 @@
 #include "stgs/format/math/sh.h"
 #include "train/checkpoint.h"
 #include "train/densify_plan.h"
+#include "train/method.h"
 #include "train/rig.h"
 
 namespace stgs::encoder {
@@ -47,17 +48,27 @@ struct Unused {
 };
 
 const Unused kUnused[] = {
-    {"without --ablate densification",
-     [](const Choice& c) { return c.ablation.densification; },
+    {"without --ablate densification or --method 4dgs",
+     [](const Choice& c) { return c.ablation.densification != Densification::kPlain; },
      {"plain_until", "plain_prune", "plain_reset"}},
-    {"with --ablate densification",
-     [](const Choice& c) { return !c.ablation.densification; },
+    {"with --method freetimegs",
+     [](const Choice& c) { return c.ablation.densification == Densification::kRelocation; },
+     {"clone_gradient", "growth_limit", "opacity_resets", "replace_limit", "score_error",
+      "score_opacity", "score_lifespan", "split_gradient", "split_scale", "stage1_until"}},
+    // The stages differ in L_opacity and in the densification.
+    {"with --ablate densification or --method 4dgs if weight_opacity is 0",
+     [](const Choice& c) {
+       return c.ablation.densification == Densification::kPlain && c.parameters.weight_opacity == 0;
+     },
+     {"stage1_until"}},
+    {"with --ablate densification or --method 4dgs",
+     [](const Choice& c) { return c.ablation.densification == Densification::kPlain; },
      {"densify_until", "growth_limit", "opacity_resets", "prune_opacity", "replace_limit",
       "score_error", "score_opacity", "score_lifespan", "split_gradient"}},
     {"with --ablate initialisation",
      [](const Choice& c) { return !c.ablation.initialisation; },
-     {"initial_opacity_dynamic", "sigma_dynamic", "velocity_times_f"}},
-    {"with --ablate representation",
+     {"initial_opacity_dynamic", "initial_scale_dynamic", "sigma_dynamic", "velocity_times_f"}},
+    {"with --ablate representation or --method 4dgs",
      [](const Choice& c) { return !c.ablation.representation; },
      {"initial_radius", "lr_radius", "lr_velocity", "lr_velocity_final", "min_scale", "normal_from",
       "still_from", "still_least", "velocity_share", "velocity_shrink", "velocity_times_f",
@@ -71,10 +82,10 @@ const Unused kUnused[] = {
     {"if lr_position is 0",
      [](const Choice& c) { return c.parameters.lr_position == 0; },
      {"lr_position_final"}},
-    {"with --ablate lifespan",
+    {"with --ablate lifespan or --method freetimegs",
      [](const Choice& c) { return !c.ablation.lifespan; },
      {"initial_radius", "lr_radius"}},
-    {"with --ablate modulation",
+    {"with --ablate modulation or --method freetimegs",
      [](const Choice& c) { return !c.ablation.modulation; },
      {"velocity_times_f"}},
     {"if replace_limit is 0",
@@ -98,7 +109,7 @@ const Unused kUnused[] = {
     {"if weight_perceptual is 0",
      [](const Choice& c) { return c.parameters.weight_perceptual == 0; },
      {"perceptual_from", "perceptual_patch"}},
-    {"with --ablate representation",
+    {"with --ablate representation or --method 4dgs",
      [](const Choice& c) { return !c.ablation.representation; },
      {"compact_share"}},
     {"if compact_share is 0 or with --ablate representation",
@@ -146,7 +157,13 @@ Status check_used(const Choice& choice) {
 Result<TrainingChoice> choose_training(const TrainSettings& settings) {
   TrainingChoice choice;
   STGS_TRY(check_parameters<TrainParameters>(settings));
+  STGS_ASSIGN(const Method method, method_from_name(settings.method));
+  if (method != Method::kSharpTimeGs && !settings.ablate.empty()) {
+    return usage_error("--ablate disables parts of sharptimegs; remove it or --method {}",
+                       settings.method);
+  }
   STGS_ASSIGN(choice.parameters, preset_hyper_parameters(settings.preset));
+  apply_method(method, choice.parameters);
   if (settings.iterations > 0) choice.parameters.iterations = settings.iterations;
   if (settings.max_primitives > 0) choice.parameters.max_primitives = settings.max_primitives;
   if (settings.quality > 0) choice.parameters.compact_quality = settings.quality;
@@ -164,17 +181,22 @@ Result<TrainingChoice> choose_training(const TrainSettings& settings) {
   if (!is_overridden(settings, "prune_opacity") && p.max_primitives > kManyPrimitives) {
     p.prune_opacity = std::min(p.prune_opacity, kManyPruneOpacity);
   }
-  STGS_ASSIGN(choice.ablation, Ablation::from_names(settings.ablate));
+  if (method == Method::kSharpTimeGs) {
+    STGS_ASSIGN(choice.ablation, Ablation::from_names(settings.ablate));
+  } else {
+    choice.ablation = ablation_of(method);
+  }
   STGS_TRY(check_used({settings, choice.parameters, choice.ablation}));
   // The coupled form has no steps to round to.
   if (!choice.ablation.representation) p.compact_share = 0;
   const bool limited =
       settings.target_kbps > 0 || settings.target_size > 0 || settings.target_psnr > 0;
   if (p.compact_share == 0 && (limited || settings.quality > 0)) {
-    return usage_error(
-        "{} needs the compaction at the end of training; remove it, compact_share=0 or "
-        "--ablate representation",
-        limited ? "a limit or target of the file" : "--quality");
+    return usage_error("{} needs the compaction at the end of training; remove it or {}",
+                       limited ? "a limit or target of the file" : "--quality",
+                       method != Method::kSharpTimeGs ? fmt::format("--method {}", settings.method)
+                       : choice.ablation.representation ? "compact_share=0"
+                                                        : "--ablate representation");
   }
   return choice;
 }
@@ -195,6 +217,7 @@ HyperParameters growth_parameters(const HyperParameters& parameters, const Train
 std::uint64_t settings_id_of(const TrainSettings& settings, const TrainingChoice& choice,
                              const PerceptualTerm& perceptual) {
   Fingerprint entries = list_hyper_parameters(choice.parameters);
+  entries.emplace_back("method", settings.method);
   entries.emplace_back("ablate", fmt::format("{}", fmt::join(choice.ablation.names(), ",")));
   entries.emplace_back("refine_cameras", settings.refine_cameras ? "yes" : "no");
   entries.emplace_back("foreground", settings.foreground ? "yes" : "no");

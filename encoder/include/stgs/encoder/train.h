@@ -33,8 +33,10 @@ struct TrainSettings {
   // affine colour map of each, dB.
   double target_psnr = 0;
   std::uint64_t seed = 1;
-  std::string backend = "auto";  // "cpu", "cuda", or "auto": CUDA if a device is available
-  std::string ablate;            // comma-separated ablation_names(); "": the complete method
+  std::string backend = "auto";        // "cpu", "cuda", or "auto": CUDA if a device is available
+  std::string method = "sharptimegs";  // one of method_names()
+  // Comma-separated ablation_names(); "": the complete method. Only with the method sharptimegs.
+  std::string ablate;
   std::vector<std::pair<std::string, std::string>> overrides;  // --set key=value
   std::string resume;                                          // checkpoint to resume from
   // Checkpoint path; "": none. A failed write is an error if the run is being stopped, else a
@@ -139,6 +141,8 @@ std::vector<std::string> train_backends();
 // `capture` may be null; only its cameras are read, to determine the size of the images.
 Status check_training(const TrainSettings& settings, const PreparedCapture* capture);
 
+// Lists the methods that can be trained: SharpTimeGS, and others as published, to compare with.
+std::vector<std::string> method_names();
 // Lists the parts of the paper's method that TrainSettings::ablate can disable.
 std::vector<std::string> ablation_names();
 

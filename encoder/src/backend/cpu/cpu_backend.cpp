@@ -24,6 +24,7 @@
 #include "train/coupled_state.h"
 #include "train/image_loss.h"
 #include "train/normal_loss.h"
+#include "train/relocation.h"
 
 namespace stgs::encoder {
 namespace {
@@ -190,8 +191,10 @@ Status CpuBackend::step(const StepInput& input) {
 }
 
 Result<DensifyCounts> CpuBackend::densify(const DensifyInput& input) {
-  const DensifyCounts counts = input.refining ? replace(*state_, *input.parameters, input.context)
-                                              : grow(*state_, *input.parameters, input.context);
+  const auto change = input.step == DensifyStep::kGrow      ? grow
+                      : input.step == DensifyStep::kReplace ? replace
+                                                            : relocate;
+  const DensifyCounts counts = change(*state_, *input.parameters, input.context);
   if (input.reset_opacity) {
     reset_opacity(*state_, densify_rules(*input.parameters, input.context));
   }

@@ -175,11 +175,12 @@ Result<DensifyCounts> CudaBackend::densify(const DensifyInput& input) {
   }
   STGS_TRY(pipeline_.reserve(capacity, 1, 1, initial_instances(capacity), false, stream_));
   const Workspace& w = pipeline_.workspace();
+  const auto change = input.step == DensifyStep::kGrow      ? &Densifier::grow
+                      : input.step == DensifyStep::kReplace ? &Densifier::replace
+                                                            : &Densifier::relocate;
   STGS_ASSIGN(const DensifyCounts counts,
-              input.refining ? densifier_.replace(device_, *input.parameters, input.context,
-                                                  state_->iteration, w, stream_)
-                             : densifier_.grow(device_, *input.parameters, input.context,
-                                               state_->iteration, w, stream_));
+              (densifier_.*change)(device_, *input.parameters, input.context, state_->iteration, w,
+                                   stream_));
   if (input.reset_opacity) {
     const DensifyRules rules = densify_rules(*input.parameters, input.context);
     launch_reset_opacity(device_.primitives(), reset_logit(rules), stream_);

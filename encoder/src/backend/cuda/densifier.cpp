@@ -2,11 +2,30 @@
 #include "backend/cuda/densifier.h"
 
 #include <algorithm>
+#include <vector>
+
+#include "train/relocation.h"
 
 namespace stgs::encoder::cuda {
 namespace {
 
 constexpr int kAllBits = 32;
+
+template <typename T>
+Status read_array(const T* from, std::vector<T>& to, cudaStream_t stream) {
+  return cuda_status(
+      cudaMemcpyAsync(to.data(), from, to.size() * sizeof(T), cudaMemcpyDeviceToHost, stream),
+      "reading the statistics of densification");
+}
+
+// Writes into an array of 4-byte items.
+template <typename T>
+Status write_array(const std::vector<T>& from, void* to, cudaStream_t stream) {
+  static_assert(sizeof(T) == 4);
+  return cuda_status(
+      cudaMemcpyAsync(to, from.data(), from.size() * sizeof(T), cudaMemcpyHostToDevice, stream),
+      "writing a relocation");
+}
 
 }  // namespace
 
@@ -119,6 +138,43 @@ Result<DensifyCounts> Densifier::replace(DeviceState& state, const HyperParamete
                  {context.seed, iteration}, stream);
   STGS_TRY(cuda_status(cudaGetLastError(), "replacing primitives"));
   STGS_TRY(reset_statistics(p, stream));
+  return counts;
+}
+
+Result<DensifyCounts> Densifier::relocate(DeviceState& state, const HyperParameters& parameters,
+                                          const DensifyContext& context, std::uint64_t iteration,
+                                          const Workspace& w, cudaStream_t stream) {
+  DensifyCounts counts;
+  const Primitives& p = state.primitives();
+  STGS_TRY(clear_totals(stream));
+  launch_mark_survivors(p, densify_rules(parameters, context), context.free_space, w.tile_counts,
+                        totals_.data(), stream);
+  std::vector<std::uint32_t> survives(p.n), views(p.n);
+  std::vector<float> logits(p.n), gradients(p.n);
+  STGS_TRY(read_array(w.tile_counts, survives, stream));
+  STGS_TRY(read_array(p.views, views, stream));
+  STGS_TRY(read_array(p.values[kOpacity], logits, stream));
+  STGS_TRY(read_array(p.gradient_sum, gradients, stream));
+  STGS_ASSIGN(const DensifyTotals totals, read_totals(stream));
+  const Relocation plan =
+      plan_relocation(logits, gradients, views, survives,
+                      Random(context.seed, iteration, RandomPurpose::kRelocation));
+  counts.non_finite = totals.non_finite;
+  counts.replaced = plan.to.size();
+  STGS_TRY(write_array(plan.sources, w.tile_counts, stream));
+  STGS_TRY(write_array(plan.logits, w.depth_keys, stream));
+  STGS_TRY(write_array(plan.log_shrinks, w.depth_sorted, stream));
+  STGS_TRY(write_array(plan.from, w.order, stream));
+  STGS_TRY(write_array(plan.to, w.tile_offsets, stream));
+  launch_relocate(
+      p,
+      {static_cast<std::uint32_t>(plan.sources.size()), static_cast<std::uint32_t>(plan.to.size()),
+       w.tile_counts, w.depth_keys, w.depth_sorted, w.order, w.tile_offsets},
+      {context.seed, iteration}, stream);
+  STGS_TRY(cuda_status(cudaGetLastError(), "relocating primitives"));
+  STGS_TRY(reset_statistics(p, stream));
+  // The copies read the plan.
+  STGS_TRY(cuda_status(cudaStreamSynchronize(stream), "relocating primitives"));
   return counts;
 }
 

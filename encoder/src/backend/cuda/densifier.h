@@ -14,14 +14,17 @@ class Densifier {
  public:
   // Allocates the counters.
   Status create();
-  // grow() and replace() of train/densify.h. Call between steps, because they reuse the buffers of
-  // the step. Block until the stream has finished.
+  // grow() and replace() of train/densify.h and relocate() of train/relocation.h. Call between
+  // steps, because they reuse the buffers of the step. Block until the stream has finished.
   Result<DensifyCounts> grow(DeviceState& state, const HyperParameters& parameters,
                              const DensifyContext& context, std::uint64_t iteration,
                              const Workspace& w, cudaStream_t stream);
   Result<DensifyCounts> replace(DeviceState& state, const HyperParameters& parameters,
                                 const DensifyContext& context, std::uint64_t iteration,
                                 const Workspace& w, cudaStream_t stream);
+  Result<DensifyCounts> relocate(DeviceState& state, const HyperParameters& parameters,
+                                 const DensifyContext& context, std::uint64_t iteration,
+                                 const Workspace& w, cudaStream_t stream);
 
  private:
   Status clear_totals(cudaStream_t stream);

@@ -206,6 +206,25 @@ __global__ void replace(const Primitives p, const std::uint32_t* order, const st
   clone_into(p, order[k], dead[k], random);
 }
 
+__global__ void change_sources(const Primitives p, const RelocationArrays plan) {
+  const std::uint32_t k = thread_index();
+  if (k >= plan.source_count) return;
+  const std::uint32_t i = plan.sources[k];
+  p.values[kOpacity][i] = __uint_as_float(plan.logits[k]);
+  for (int c = 0; c < 3; ++c)
+    p.values[kLogScale][3 * i + c] += __uint_as_float(plan.log_shrinks[k]);
+  clear_moments(p, i);
+}
+
+__global__ void copy_sources(const Primitives p, const RelocationArrays plan, RandomKey key) {
+  const std::uint32_t k = thread_index();
+  if (k >= plan.count) return;
+  Random random(key.seed, key.iteration, RandomPurpose::kDensify);
+  random.skip(std::uint64_t{k} * kCloneDraws);
+  copy_parameters(p, plan.from[k], plan.to[k]);
+  move_by_sample(p, plan.to[k], kCloneSpread, random);
+}
+
 __global__ void reset_opacity(const Primitives p, float cap) {
   const std::uint32_t i = thread_index();
   if (i >= p.n) return;
@@ -265,6 +284,12 @@ void launch_scores(const Primitives& p, const ScoreRules& rules, bool modulated,
 void launch_replace(const Primitives& p, const std::uint32_t* order, const std::uint32_t* dead,
                     std::uint32_t count, RandomKey key, cudaStream_t stream) {
   replace<<<blocks_of(count, kBlock), kBlock, 0, stream>>>(p, order, dead, count, key);
+}
+
+void launch_relocate(const Primitives& p, const RelocationArrays& plan, RandomKey key,
+                     cudaStream_t stream) {
+  change_sources<<<blocks_of(plan.source_count, kBlock), kBlock, 0, stream>>>(p, plan);
+  copy_sources<<<blocks_of(plan.count, kBlock), kBlock, 0, stream>>>(p, plan, key);
 }
 
 void launch_reset_opacity(const Primitives& p, float cap, cudaStream_t stream) {

@@ -52,6 +52,16 @@ void launch_scores(const Primitives& p, const ScoreRules& rules, bool modulated,
 void launch_replace(const Primitives& p, const std::uint32_t* order, const std::uint32_t* dead,
                     std::uint32_t count, RandomKey key, cudaStream_t stream);
 
+// Device arrays of a Relocation (train/relocation.h); logits and log_shrinks are bits of floats.
+struct RelocationArrays {
+  std::uint32_t source_count, count;
+  const std::uint32_t *sources, *logits, *log_shrinks;
+  const std::uint32_t *from, *to;
+};
+// Changes the sources, then copies them.
+void launch_relocate(const Primitives& p, const RelocationArrays& plan, RandomKey key,
+                     cudaStream_t stream);
+
 // Caps the logit of every opacity.
 void launch_reset_opacity(const Primitives& p, float cap, cudaStream_t stream);
 
