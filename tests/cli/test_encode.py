@@ -66,7 +66,7 @@ class Training(ReportTest):
              self.train("--set", "iterations=5", "--iterations", "2")),
             (USAGE, "--set lr_radius=1 has no effect with --ablate lifespan",
              self.train("--set", "lr_radius=1", "--ablate", "lifespan")),
-            (USAGE, "--set plain_reset=.2 has no effect without --ablate densification",
+            (USAGE, "--set plain_reset=.2 has no effect unless --ablate densification",
              self.train("--set", "plain_reset=.2")),
             (USAGE, "--set perceptual_patch=64 has no effect without --perceptual-weights",
              self.train("--set", "perceptual_patch=64")),
@@ -269,6 +269,19 @@ class Training(ReportTest):
                    *args, "--ablate", "representation,modulation")
         self.fails(USAGE, "--ablate: 'magic' is not one of", *args, "--ablate", "lifespan,magic")
         self.fails(USAGE, "has no dynamic points", *args, "--ablate", "lifespan,initialisation")
+
+    def test_published_methods_train_and_take_no_ablation(self):
+        args = self.train("--iterations", "20", "--max-primitives", "300")
+        scenes = []
+        for method in ("sharptimegs", "freetimegs", "4dgs"):
+            self.succeeds(*args, "--method", method)
+            scenes.append(self.read("out.stgs"))
+        self.assertEqual(len(set(scenes)), 3)
+        self.fails(USAGE, "--method: '3dgs' is not one of", *args, "--method", "3dgs")
+        self.fails(USAGE, "--ablate disables parts of sharptimegs; remove it or --method 4dgs",
+                   *args, "--method", "4dgs", "--ablate", "lifespan")
+        self.fails(USAGE, "--set plain_until=0.4 has no effect unless --ablate densification",
+                   *args, "--set", "plain_until=0.4")
 
     def test_an_interrupted_train_writes_only_its_checkpoint(self):
         args = [harness.STGS, *self.train("--iterations", "100000", "--checkpoint", "run.ckpt",

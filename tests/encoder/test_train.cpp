@@ -327,9 +327,10 @@ TEST_CASE("published methods train as they are published") {
   TrainSettings settings = short_run(40);
   TrainReport report;
   const auto value = [&report](const std::string& name) {
-    return std::find_if(report.parameters.begin(), report.parameters.end(),
-                        [&name](const auto& p) { return p.first == name; })
-        ->second;
+    const auto entry = std::find_if(report.parameters.begin(), report.parameters.end(),
+                                    [&name](const auto& p) { return p.first == name; });
+    REQUIRE(entry != report.parameters.end());
+    return entry->second;
   };
   settings.method = "freetimegs";
   const Result<Scene> free_time = train(synthetic.capture, settings, nullptr, nullptr, &report);

@@ -106,7 +106,7 @@ TEST_CASE("the plan follows the paper, or 3DGS under plain densification") {
   CHECK_FALSE(plan_at(plain, 0.5).gather);
 }
 
-TEST_CASE("FreeTimeGS relocates from the start to its end, with L_opacity") {
+TEST_CASE("FreeTimeGS relocates until densify_until, with L_opacity from the start") {
   const HyperParameters p;
   Ablation parts;
   parts.densification = Densification::kRelocation;
@@ -152,6 +152,8 @@ TEST_CASE("faint primitives are relocated to opaque ones with large gradients") 
     state.set.opacity_logit[i] = i % 3 == 0 ? -8.0f : 0.0f;
     state.statistics.views[i] = 2;
     state.statistics.gradient_sum[i] = i % 3 == 2 ? 1e-3f : 0.0f;
+    state.updates[i] = 3;
+    state.moments[kOpacity].first[i] = 1.0f;
   }
   const FloatArray before = state.set.position;
   const DensifyCounts counts = relocate(state, parameters, {});
@@ -170,9 +172,19 @@ TEST_CASE("faint primitives are relocated to opaque ones with large gradients") 
       if (square < least) std::tie(least, nearest) = std::tuple(square, j);
     }
     from_gradient += nearest % 3 == 2 ? 1 : 0;
-    CHECK(state.set.opacity_logit[i] < 0.0f);
     CHECK(state.updates[i] == 0);
+    CHECK(state.moments[kOpacity].first[i] == 0.0f);
   }
+  // Sources share their opacity with their copies, and no primitive is relocated again at once.
+  int changed = 0;
+  for (std::size_t i = 0; i < state.size(); ++i) {
+    const float opacity = math::opacity_of(state.set.opacity_logit[i]);
+    CHECK(opacity >= parameters.prune_opacity);
+    const bool copied = opacity < 0.499f;
+    CHECK(copied == (state.updates[i] == 0));
+    changed += copied && i % 3 != 0 ? 1 : 0;
+  }
+  CHECK(changed > 400);
   // Half of the probability is that of the opacities: 3/4 of the sources have gradients.
   CHECK(from_gradient > 600);
   CHECK(from_gradient < 850);

@@ -86,12 +86,14 @@ struct HyperParameterTable {
                "iterations");
     STGS_VISIT(visit, opacity_resets, 0, 1e4,
                "Number of opacity resets, spread evenly over the first stage");
-    STGS_VISIT(visit, plain_until, kMin, kMax,
-               "With --ablate densification: end of growth, as a fraction of the run");
-    STGS_VISIT(visit, plain_prune, kMin, kMax, "With --ablate densification: prune_opacity");
     STGS_VISIT(
-        visit, plain_reset, kMin, kMax,
-        "With --ablate densification: interval between opacity resets, as a fraction of the run");
+        visit, plain_until, kMin, kMax,
+        "With --ablate densification or --method 4dgs: end of growth, as a fraction of the run");
+    STGS_VISIT(visit, plain_prune, kMin, kMax,
+               "With --ablate densification or --method 4dgs: prune_opacity");
+    STGS_VISIT(visit, plain_reset, kMin, kMax,
+               "With --ablate densification or --method 4dgs: interval between opacity resets, as "
+               "a fraction of the run");
     STGS_VISIT(visit, perceptual_from, kMin, kMax,
                "The perceptual loss is on from this fraction of the run");
     STGS_VISIT(visit, perceptual_patch, kMin, kMax,

@@ -66,7 +66,7 @@ struct HyperParameters {
   double densify_until = 0.85;
   int densify_interval = 100;
   int opacity_resets = 0;
-  // With --ablate densification, as in 3DGS and 4DGS:
+  // With --ablate densification or --method 4dgs:
   double plain_until = 0.5;
   double plain_prune = 0.005;
   double plain_reset = 0.1;

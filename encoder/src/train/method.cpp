@@ -18,7 +18,7 @@ constexpr NamedMethod kMethods[] = {{"sharptimegs", Method::kSharpTimeGs},
                                     {"freetimegs", Method::kFreeTimeGs},
                                     {"4dgs", Method::k4dgs}};
 
-constexpr double kSeconds = 30;  // frames
+constexpr double kFramesPerSecond = 30;  // of the captures in both publications
 // Both methods train for 30,000 iterations; their schedules are fractions of that.
 constexpr double kPublished = 30000;
 
@@ -33,6 +33,7 @@ void apply_common(HyperParameters& p) {
   p.sh_step = 1000 / kPublished;
   p.densify_from = 500 / kPublished;
   p.initial_scale_dynamic = p.initial_scale;
+  p.initial_opacity_dynamic = p.initial_opacity;
 }
 
 }  // namespace
@@ -60,16 +61,17 @@ void apply_method(Method method, HyperParameters& p) {
     case Method::kFreeTimeGs:
       apply_common(p);
       p.weight_opacity = 1e-2;
-      p.lr_velocity = 1.6e-3 / kSeconds;
-      p.lr_velocity_final = 1.6e-5 / kSeconds;
+      p.lr_velocity = 1.6e-3 / kFramesPerSecond;
+      p.lr_velocity_final = 1.6e-5 / kFramesPerSecond;
       p.densify_until = 25000 / kPublished;
       // A standard deviation of 0.1 s; sigma is sqrt(2) times that.
-      p.sigma_dynamic = 0.1 * kSeconds * 1.41421356;
+      p.sigma_dynamic = 0.1 * kFramesPerSecond * 1.41421356;
       p.sigma_static = 0.2;
-      p.initial_opacity_dynamic = 0.5;
       return;
     case Method::k4dgs:
       apply_common(p);
+      p.weight_perceptual = 0;
+      p.initial_opacity_dynamic = 0.2;
       return;
   }
 }

@@ -7,8 +7,9 @@
 namespace stgs::encoder {
 namespace {
 
-constexpr int kMaxCopies = 51;  // whose opacity is computed (3DGS-MCMC)
-constexpr double kMinRelocated = 0.005, kMaxRelocated = 1.0 - 1e-6;  // opacity of a source
+constexpr int kMaxCopies = 51;                // whose opacity is computed (3DGS-MCMC)
+constexpr double kMaxRelocated = 1.0 - 1e-6;  // opacity of a source
+constexpr double kMargin = 1.01;              // above the smallest opacity, for rounding
 
 // Returns the running sums of the unnormalised probabilities.
 std::vector<double> cumulative_probabilities(std::span<const float> opacity_logit,
@@ -20,7 +21,8 @@ std::vector<double> cumulative_probabilities(std::span<const float> opacity_logi
     return survives[i] ? math::opacity_of(opacity_logit[i]) : 0.0;
   };
   const auto gradient = [&](std::size_t i) -> double {
-    return survives[i] && views[i] > 0 ? gradient_sum[i] / static_cast<float>(views[i]) : 0.0;
+    const bool known = survives[i] && views[i] > 0 && std::isfinite(gradient_sum[i]);
+    return known ? gradient_sum[i] / static_cast<float>(views[i]) : 0.0;
   };
   double opacities = 0, gradients = 0;
   for (std::size_t i = 0; i < n; ++i) {
@@ -57,8 +59,10 @@ RelocatedValues relocated_values(double o, int n) {
 Relocation plan_relocation(std::span<const float> opacity_logit,
                            std::span<const float> gradient_sum,
                            std::span<const std::uint32_t> views,
-                           std::span<const std::uint32_t> survives, Random random) {
+                           std::span<const std::uint32_t> survives, float min_opacity,
+                           Random random) {
   Relocation plan;
+  const double least = kMargin * min_opacity;
   const std::vector<double> sums =
       cumulative_probabilities(opacity_logit, gradient_sum, views, survives);
   if (sums.empty() || !(sums.back() > 0)) return plan;
@@ -76,11 +80,10 @@ Relocation plan_relocation(std::span<const float> opacity_logit,
     end = first;
     while (end < sorted.size() && sorted[end] == sorted[first]) ++end;
     const int copies = static_cast<int>(std::min<std::size_t>(end - first + 1, kMaxCopies));
-    const double opacity =
-        std::clamp(static_cast<double>(math::opacity_of(opacity_logit[sorted[first]])),
-                   kMinRelocated, kMaxRelocated);
+    const double opacity = std::clamp(
+        static_cast<double>(math::opacity_of(opacity_logit[sorted[first]])), least, kMaxRelocated);
     const RelocatedValues values = relocated_values(opacity, copies);
-    const double each = std::max(values.opacity, kMinRelocated);
+    const double each = std::max(values.opacity, least);
     plan.sources.push_back(sorted[first]);
     plan.logits.push_back(static_cast<float>(std::log(each / (1.0 - each))));
     plan.log_shrinks.push_back(static_cast<float>(std::log(values.scale)));
@@ -91,14 +94,13 @@ Relocation plan_relocation(std::span<const float> opacity_logit,
 DensifyCounts relocate(TrainState& state, const HyperParameters& parameters,
                        const DensifyContext& context) {
   DensifyCounts counts;
+  const DensifyRules rules = densify_rules(parameters, context);
   std::vector<std::uint32_t> survives(state.size(), 0);
-  for (std::uint32_t i : list_survivors(state, densify_rules(parameters, context),
-                                        context.free_space, counts.non_finite)) {
+  for (std::uint32_t i : list_survivors(state, rules, context.free_space, counts.non_finite))
     survives[i] = 1;
-  }
   const Relocation plan = plan_relocation(
       state.set.opacity_logit, state.statistics.gradient_sum, state.statistics.views, survives,
-      Random(context.seed, state.iteration, RandomPurpose::kRelocation));
+      rules.prune_opacity, Random(context.seed, state.iteration, RandomPurpose::kRelocation));
   FloatArray& log_scale = state.values(kLogScale);
   for (std::size_t k = 0; k < plan.sources.size(); ++k) {
     const std::uint32_t i = plan.sources[k];

@@ -25,11 +25,13 @@ struct Relocation {
 // Samples a source for every primitive that does not survive, with probability
 // O / sum(O) + g / sum(g) among the survivors; g is the mean gradient with respect to the image
 // position. All spans have one entry per primitive; `survives` is 0 or 1. Nothing is relocated if
-// none survives.
+// none survives. Sources and copies are at least as opaque as `min_opacity`, below which they would
+// be relocated next.
 Relocation plan_relocation(std::span<const float> opacity_logit,
                            std::span<const float> gradient_sum,
                            std::span<const std::uint32_t> views,
-                           std::span<const std::uint32_t> survives, Random random);
+                           std::span<const std::uint32_t> survives, float min_opacity,
+                           Random random);
 
 // Returns the opacity of each of n coincident copies that together render as one of opacity `o`,
 // and the factor of their scales. n > 0.

@@ -87,6 +87,12 @@ Status Trainer::prepare_state() {
       log_(1, fmt::format("held-out views will not be evaluated: {}", held_out.status().message()));
     }
   }
+  if (ablation_.densification == Densification::kRelocation &&
+      state_.size() < static_cast<std::size_t>(growth_.max_primitives)) {
+    log_(1, fmt::format("relocation adds no primitives: there are {} of at most {}, because {} has "
+                        "no more initial points",
+                        state_.size(), growth_.max_primitives, capture_.folder));
+  }
   STGS_TRY(prepare_cameras());
   evaluations_done_ = evaluations_due();
   return {};
@@ -207,9 +213,10 @@ Result<StepInput> Trainer::step_input() {
   input.drop_random = Random(settings_.seed, view_index, RandomPurpose::kDrop);
   input.modulated = ablation_.modulation;
   input.learn_radius = ablation_.lifespan;
-  input.second_stage = state_.second_stage != 0;
+  const DensifyPlan plan = densify_plan(p, ablation_, progress, false);
+  input.second_stage = plan.second_stage || state_.second_stage != 0;
   input.gather_camera = refines_cameras();
-  input.gather_statistics = densify_plan(p, ablation_, progress, false).gather;
+  input.gather_statistics = plan.gather;
   set_schedule(p, capture_, progress, state_.is_coupled(), input);
   if (with_normals() && progress >= p.normal_from)
     input.weight_normal = static_cast<float>(growth_.weight_normal);
@@ -272,7 +279,7 @@ Status Trainer::densify() {
   STGS_ASSIGN(const DensifyCounts counts, backend_->densify({&growth_, context, step, reset}));
   if (reset) ++state_.opacity_resets;
   if (counts.non_finite > 0) {
-    log_(1, fmt::format("iteration {}: removed {} primitive{} with non-finite values",
+    log_(1, fmt::format("iteration {}: removed or replaced {} primitive{} with non-finite values",
                         state_.iteration, counts.non_finite, counts.non_finite == 1 ? "" : "s"));
   }
   log_(3, fmt::format("iteration {}: {} primitives; {} cloned, {} split, {} removed, {} replaced",

@@ -21,7 +21,7 @@ Status Trainer::prepare_priors() {
   if (ablation_.densification == Densification::kScored) {
     STGS_ASSIGN(free_space_, find_free_space(capture_));
   }
-  if (sparsity > 0) {
+  if (sparsity > 0 && ablation_.densification == Densification::kScored) {
     log_(2, fmt::format("sparse rig ({:.2f} of 1): L_n has weight {:.3g}, and space in front of {} "
                         "views is kept empty",
                         sparsity, growth_.weight_normal, free_space_.count));

@@ -48,7 +48,7 @@ struct Unused {
 };
 
 const Unused kUnused[] = {
-    {"without --ablate densification or --method 4dgs",
+    {"unless --ablate densification or --method 4dgs is given",
      [](const Choice& c) { return c.ablation.densification != Densification::kPlain; },
      {"plain_until", "plain_prune", "plain_reset"}},
     {"with --method freetimegs",
@@ -56,7 +56,7 @@ const Unused kUnused[] = {
      {"clone_gradient", "growth_limit", "opacity_resets", "replace_limit", "score_error",
       "score_opacity", "score_lifespan", "split_gradient", "split_scale", "stage1_until"}},
     // The stages differ in L_opacity and in the densification.
-    {"with --ablate densification or --method 4dgs if weight_opacity is 0",
+    {"if weight_opacity is 0, with --ablate densification or --method 4dgs",
      [](const Choice& c) {
        return c.ablation.densification == Densification::kPlain && c.parameters.weight_opacity == 0;
      },
@@ -112,7 +112,7 @@ const Unused kUnused[] = {
     {"with --ablate representation or --method 4dgs",
      [](const Choice& c) { return !c.ablation.representation; },
      {"compact_share"}},
-    {"if compact_share is 0 or with --ablate representation",
+    {"if compact_share is 0, or with --ablate representation or --method 4dgs",
      [](const Choice& c) { return c.parameters.compact_share == 0 || !c.ablation.representation; },
      {"compact_keep", "compact_rounds", "compact_prune_share", "compact_moving", "compact_quality",
       "compact_rate", "compact_restart", "compact_decay"}},
@@ -194,7 +194,8 @@ Result<TrainingChoice> choose_training(const TrainSettings& settings) {
   if (p.compact_share == 0 && (limited || settings.quality > 0)) {
     return usage_error("{} needs the compaction at the end of training; remove it or {}",
                        limited ? "a limit or target of the file" : "--quality",
-                       method != Method::kSharpTimeGs ? fmt::format("--method {}", settings.method)
+                       method == Method::k4dgs          ? "--method 4dgs"
+                       : method == Method::kFreeTimeGs  ? "add --set compact_share=0.2"
                        : choice.ablation.representation ? "compact_share=0"
                                                         : "--ablate representation");
   }

@@ -147,8 +147,8 @@ Result<DensifyCounts> Densifier::relocate(DeviceState& state, const HyperParamet
   DensifyCounts counts;
   const Primitives& p = state.primitives();
   STGS_TRY(clear_totals(stream));
-  launch_mark_survivors(p, densify_rules(parameters, context), context.free_space, w.tile_counts,
-                        totals_.data(), stream);
+  const DensifyRules rules = densify_rules(parameters, context);
+  launch_mark_survivors(p, rules, context.free_space, w.tile_counts, totals_.data(), stream);
   std::vector<std::uint32_t> survives(p.n), views(p.n);
   std::vector<float> logits(p.n), gradients(p.n);
   STGS_TRY(read_array(w.tile_counts, survives, stream));
@@ -157,7 +157,7 @@ Result<DensifyCounts> Densifier::relocate(DeviceState& state, const HyperParamet
   STGS_TRY(read_array(p.gradient_sum, gradients, stream));
   STGS_ASSIGN(const DensifyTotals totals, read_totals(stream));
   const Relocation plan =
-      plan_relocation(logits, gradients, views, survives,
+      plan_relocation(logits, gradients, views, survives, rules.prune_opacity,
                       Random(context.seed, iteration, RandomPurpose::kRelocation));
   counts.non_finite = totals.non_finite;
   counts.replaced = plan.to.size();
