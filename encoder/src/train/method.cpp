@@ -18,9 +18,9 @@ constexpr NamedMethod kMethods[] = {{"sharptimegs", Method::kSharpTimeGs},
                                     {"freetimegs", Method::kFreeTimeGs},
                                     {"4dgs", Method::k4dgs}};
 
-constexpr double kFramesPerSecond = 30;  // of the captures in both publications
+constexpr double kFramesPerSecond = 30;  // assumed, because presets do not know the capture
 // Both methods train for 30,000 iterations; their schedules are fractions of that.
-constexpr double kPublished = 30000;
+constexpr double kPublishedIterations = 30000;
 
 // Turns off the parts of SharpTimeGS's training that neither method has.
 void apply_common(HyperParameters& p) {
@@ -30,8 +30,8 @@ void apply_common(HyperParameters& p) {
   p.drop_share = 0;
   p.compact_share = 0;
   p.coarse_until = 0;
-  p.sh_step = 1000 / kPublished;
-  p.densify_from = 500 / kPublished;
+  p.sh_step = 1000 / kPublishedIterations;
+  p.densify_from = 500 / kPublishedIterations;
   p.initial_scale_dynamic = p.initial_scale;
   p.initial_opacity_dynamic = p.initial_opacity;
 }
@@ -61,9 +61,10 @@ void apply_method(Method method, HyperParameters& p) {
     case Method::kFreeTimeGs:
       apply_common(p);
       p.weight_opacity = 1e-2;
+      p.prune_opacity = 0.02;
       p.lr_velocity = 1.6e-3 / kFramesPerSecond;
       p.lr_velocity_final = 1.6e-5 / kFramesPerSecond;
-      p.densify_until = 25000 / kPublished;
+      p.densify_until = 25000 / kPublishedIterations;
       // A standard deviation of 0.1 s; sigma is sqrt(2) times that.
       p.sigma_dynamic = 0.1 * kFramesPerSecond * 1.41421356;
       p.sigma_static = 0.2;

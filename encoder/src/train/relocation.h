@@ -33,11 +33,12 @@ Relocation plan_relocation(std::span<const float> opacity_logit,
                            std::span<const std::uint32_t> survives, float min_opacity,
                            Random random);
 
-// Returns the opacity of each of n coincident copies that together render as one of opacity `o`,
-// and the factor of their scales. n > 0.
 struct RelocatedValues {
-  double opacity, scale;
+  double opacity;
+  double scale;  // factor of the standard deviations
 };
+// Returns the values of each of n > 0 coincident copies that together render as one primitive of
+// opacity `o`, in (0, 1).
 RelocatedValues relocated_values(double o, int n);
 
 // Relocates the primitives that grow() would remove; N does not change. Copies are offset as the
