@@ -48,6 +48,9 @@ class Training(ReportTest):
         self.assertEqual(self.read("out.stgs"), first, "threads changed the scene")
 
     def test_parameters_are_listed(self):
+        report = self.json_of("train", "--list-parameters", "--method", "freetimegs")
+        self.assertEqual(report["method"], "freetimegs")
+        self.assertEqual(report["parameters"]["weight_scale"], "0")
         report = self.json_of("train", "--list-parameters", "--preset", "fast")
         self.assertGreater(len(report["parameters"]), 5)
 

@@ -35,7 +35,7 @@ class Train final : public Command {
     options_.declare(app);
     windows_.declare(app);
     app.add_flag("--list-parameters", list_,
-                 "List the hyper-parameters of the preset, for --set, and exit");
+                 "List the hyper-parameters of the preset and the method, for --set, and exit");
   }
   Status run(Session& session) override {
     if (list_) return list(session);
@@ -115,12 +115,15 @@ class Train final : public Command {
   Status list(Session& session) const {
     Json parameters = Json::object();
     std::string text;
-    for (const auto& [parameter, value] : encoder::hyper_parameters(options_.preset())) {
+    for (const auto& [parameter, value] :
+         encoder::hyper_parameters(options_.preset(), options_.method())) {
       parameters[parameter.name] = value;
       text += fmt::format("{:<24} {:<20} {} [{}]\n", parameter.name, value, option_help(parameter),
                           parameter.range());
     }
-    return session.emit({{"preset", options_.preset()}, {"parameters", parameters}}, text);
+    return session.emit(
+        {{"preset", options_.preset()}, {"method", options_.method()}, {"parameters", parameters}},
+        text);
   }
 
   std::string folder_, output_;

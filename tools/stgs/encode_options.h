@@ -52,6 +52,7 @@ class TrainOptions {
   Result<encoder::TrainSettings> settings(Session& session, std::vector<NamedPath> outputs,
                                           const std::string& new_folder) const;
   const std::string& preset() const { return settings_.preset; }
+  const std::string& method() const { return settings_.method; }
   const std::string& report() const { return report_; }
   const std::string& title() const { return title_; }
   // Returns the report folder, or null.

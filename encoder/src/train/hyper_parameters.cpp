@@ -7,6 +7,7 @@
 
 #include "stgs/encoder/train.h"
 #include "stgs/format/parameter.h"
+#include "train/method.h"
 
 namespace stgs::encoder {
 namespace {
@@ -237,9 +238,11 @@ std::vector<std::pair<std::string, std::string>> list_hyper_parameters(
   return list;
 }
 
-std::vector<HyperParameter> hyper_parameters(const std::string& preset) {
-  const Result<HyperParameters> parameters = preset_hyper_parameters(preset);
-  if (!parameters.ok()) return {};
+std::vector<HyperParameter> hyper_parameters(const std::string& preset, const std::string& method) {
+  Result<HyperParameters> parameters = preset_hyper_parameters(preset);
+  const Result<Method> known = method_from_name(method);
+  if (!parameters.ok() || !known.ok()) return {};
+  apply_method(*known, *parameters);
   std::vector<HyperParameter> list;
   HyperParameterTable::for_each([&](const Parameter& parameter, auto member) {
     list.push_back({parameter, fmt::format("{}", member(*parameters))});

@@ -152,7 +152,8 @@ struct HyperParameter {
   std::string value;
 };
 
-// Lists the hyper-parameters of a preset; empty for an unknown preset.
-std::vector<HyperParameter> hyper_parameters(const std::string& preset);
+// Lists the hyper-parameters of a preset with a method; empty if one of them is unknown.
+std::vector<HyperParameter> hyper_parameters(const std::string& preset,
+                                             const std::string& method = "sharptimegs");
 
 }  // namespace stgs::encoder
