@@ -37,8 +37,14 @@ TEST_CASE("training from rough grey points recovers a held-out view") {
 
 namespace {
 
-// Disturbs a camera, and checks that refinement names it and corrects it. The PSNR of so small a
-// scene differs by half a dB between runs that differ in rounding, which hides the gain.
+// Large, opaque points cover the content from the start: PSNR then depends less on rounding.
+void use_large_points(TrainSettings& settings) {
+  settings.overrides.emplace_back("initial_opacity_dynamic", "0.5");
+  settings.overrides.emplace_back("initial_scale_dynamic", "0.8");
+}
+
+// Disturbs a camera, and checks that refinement names it, corrects it and improves a held-out view.
+// The gain differs by half a dB between runs that differ in rounding.
 void check_refinement(const char* kernel) {
   SyntheticCapture synthetic(8);
   const std::size_t disturbed = 3;
@@ -48,13 +54,19 @@ void check_refinement(const char* kernel) {
   TrainSettings settings = short_run(3000);
   settings.overrides.emplace_back("compact_share", "0");
   settings.overrides.emplace_back("kernel", kernel);
+  use_large_points(settings);
+  const Result<Scene> trusting = run(synthetic, settings);
   settings.refine_cameras = true;
   TrainReport report;
   std::string logged;
   const auto log = [&](int, const std::string& line) { logged += line + "\n"; };
   const Result<Scene> refined = train(synthetic.capture, settings, nullptr, log, &report);
+  REQUIRE(trusting.ok());
   REQUIRE(refined.ok());
-  CAPTURE(logged);
+  const double before = held_out_psnr(synthetic, *trusting);
+  const double after = held_out_psnr(synthetic, *refined);
+  CAPTURE(before, after, logged);
+  CHECK(after > before + 0.3);
   REQUIRE(report.cameras.size() == 7);
   for (const RefinedCamera& found : report.cameras) {
     CAPTURE(found.camera.name, found.degrees, found.shift, found.zoom, found.pixels);
@@ -78,14 +90,16 @@ TEST_CASE("refinement finds the camera that is disturbed, and its correction, wi
 
 TEST_CASE("two ranks recover a held-out view as well as one rank over the same number of views") {
   const SyntheticCapture synthetic;
-  const Result<Scene> alone = run(synthetic, short_run(1200));
+  TrainSettings common = short_run(1200);
+  use_large_points(common);
+  const Result<Scene> alone = run(synthetic, common);
   REQUIRE(alone.ok());
   std::vector<Scene> scenes(2);
   std::vector<int> processes(2);
   std::vector<std::string> logged(2);
   stgs::testing::on_ranks(2, [&](Ranks& ranks) {
     const auto r = static_cast<std::size_t>(ranks.rank());
-    TrainSettings settings = short_run(1200);
+    TrainSettings settings = common;
     settings.refine_cameras = true;
     settings.ranks = &ranks;
     TrainReport report;
@@ -100,7 +114,7 @@ TEST_CASE("two ranks recover a held-out view as well as one rank over the same n
   const double one = held_out_psnr(synthetic, *alone);
   const double two = held_out_psnr(synthetic, scenes[0]);
   CAPTURE(one, two);
-  CHECK(two > one - 1.0);
+  CHECK(two > one - 0.5);
 }
 
 TEST_CASE("evaluating held-out views does not change the training and is logged") {

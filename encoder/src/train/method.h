@@ -19,9 +19,10 @@ enum class Method {
 Result<Method> method_from_name(const std::string& name);
 
 // Sets the hyper-parameters in which a method differs from a preset, which decides the length and
-// the size of the run. Velocities and lifespans are converted for 30 frames per second. Chosen on
-// held-out training cameras (tests/bench/results.csv) instead of published: sigma_static and
-// prune_opacity of FreeTimeGS, and initial_opacity_dynamic of 4DGS.
+// the size of the run. Velocities and lifespans are converted for 30 frames per second. Three
+// values are not the published ones, but chosen on held-out training cameras
+// (tests/bench/results.csv): sigma_static and prune_opacity of FreeTimeGS, and
+// initial_opacity_dynamic of 4DGS.
 void apply_method(Method method, HyperParameters& parameters);
 
 // Returns the parts of the paper's method that a method has.
