@@ -9,6 +9,8 @@
 
 #include <algorithm>
 #include <atomic>
+#include <chrono>
+#include <cstdlib>
 #include <cstring>
 #include <fstream>
 #include <thread>
@@ -306,6 +308,38 @@ TEST_CASE("a published file stays open, and is appended to whatever its name lea
   fs::resize_file(folder / "moved", 0);
   CHECK(file.write(byte).ok());
   CHECK(fs::file_size(folder / "moved") == 1);
+}
+
+// Makes and removes temporaries of `output` in a thread, and ends in the middle of it.
+[[noreturn]] void end_at_work(const std::string& output, std::chrono::microseconds after) {
+  std::thread([&output] {
+    for (int round = 0;; ++round) {
+      OutputLock lock;
+      WorkFolder work;
+      TemporaryFile file;
+      if (!lock.take(output).ok() || !work.create(output).ok() || !file.create(output).ok()) break;
+      for (const char* name : {"a", "b", "c/d", "c/e"}) write_text(work.path() + "/" + name, name);
+      if (round % 2 != 0 && !file.commit().ok()) break;
+    }
+  }).detach();
+  std::this_thread::sleep_for(after);
+  remove_unfinished();
+  std::_Exit(0);
+}
+
+TEST_CASE("a process that ends in the middle of work leaves no temporaries") {
+  const TemporaryFolder folder;
+  constexpr int kProcesses = 100;
+  for (int k = 0; k < kProcesses; ++k) {
+    const pid_t child = ::fork();
+    REQUIRE(child >= 0);
+    if (child == 0) end_at_work(folder / "out", std::chrono::microseconds(1000 + 37 * k));
+    int status = -1;
+    REQUIRE(::waitpid(child, &status, 0) == child);
+    CHECK(status == 0);
+    fs::remove(folder / "out");
+    REQUIRE(names_in(folder.path).empty());
+  }
 }
 
 }  // namespace

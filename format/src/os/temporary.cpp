@@ -24,11 +24,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// The listed objects. Never destroyed: objects of static storage may outlive it.
-std::mutex& list_mutex() {
-  static std::mutex& mutex = *new std::mutex;
-  return mutex;
-}
+// The listed objects.
 Unfinished* first_unfinished = nullptr;
 
 constexpr int kMaxAttempts = 16;  // names tried
@@ -135,23 +131,27 @@ bool remove_free_folder(const std::string& name) {
 
 }  // namespace
 
-void Unfinished::list() noexcept {
-  const std::lock_guard lock(list_mutex());
+std::mutex& Unfinished::list_mutex() noexcept {
+  // Never destroyed: objects of static storage may outlive it.
+  static std::mutex& mutex = *new std::mutex;
+  return mutex;
+}
+
+void Unfinished::list(const ListLock&) noexcept {
   before_ = nullptr;
   after_ = std::exchange(first_unfinished, this);
   if (after_ != nullptr) after_->before_ = this;
   is_listed_ = true;
 }
 
-void Unfinished::unlist() noexcept {
-  const std::lock_guard lock(list_mutex());
+void Unfinished::unlist(const ListLock&) noexcept {
   if (!std::exchange(is_listed_, false)) return;
   (before_ != nullptr ? before_->after_ : first_unfinished) = after_;
   if (after_ != nullptr) after_->before_ = before_;
 }
 
 void remove_unfinished() noexcept {
-  list_mutex().lock();  // for the rest of the process
+  Unfinished::list_mutex().lock();  // for the rest of the process
   for (Unfinished* one = first_unfinished; one != nullptr; one = one->after_) one->abandon();
 }
 
@@ -171,6 +171,7 @@ Status TemporaryFile::create(const std::string& path) {
   path_ = path;
   for (int attempt = 0; attempt < kMaxAttempts; ++attempt) {
     STGS_ASSIGN(std::string name, unique_name(path, file_parts(path)));
+    const ListLock lock(list_mutex());
     const int file = ::open(name.c_str(), O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666);
     if (file < 0 && errno == EEXIST) continue;
     if (file < 0) return io_error("{}: cannot create: {}", path, file_problem(errno));
@@ -178,7 +179,7 @@ Status TemporaryFile::create(const std::string& path) {
     if (os::try_lock(file) != os::LockResult::kBusy && os::is_named(file, name)) {
       name_ = std::move(name);
       descriptor_ = file;
-      list();
+      list(lock);
       return keep_mode(file, path);
     }
     ::close(file);
@@ -187,12 +188,11 @@ Status TemporaryFile::create(const std::string& path) {
 }
 
 Status TemporaryFile::publish() {
-  unlist();
+  const ListLock lock(list_mutex());
   if (std::rename(name_.c_str(), path_.c_str()) != 0) {
-    const int error = errno;
-    list();
-    return io_error("{}: cannot replace: {}", path_, system_message(error));
+    return io_error("{}: cannot replace: {}", path_, system_message(errno));
   }
+  unlist(lock);
   name_.clear();
   return {};
 }
@@ -207,8 +207,9 @@ Status TemporaryFile::commit() {
 }
 
 void TemporaryFile::remove() noexcept {
-  unlist();
   abandon();
+  const ListLock lock(list_mutex());
+  unlist(lock);
   if (descriptor_ >= 0) ::close(std::exchange(descriptor_, -1));
 }
 
@@ -219,18 +220,20 @@ void TemporaryFile::abandon() noexcept {
 Status WorkFolder::create(const std::string& path) {
   for (int attempt = 0; attempt < kMaxAttempts; ++attempt) {
     STGS_ASSIGN(std::string name, unique_name(path, folder_parts(path)));
-    std::string lock = name + "/lock";
+    std::string lock_name = name + "/lock";
+    const ListLock lock(list_mutex());
     if (::mkdir(name.c_str(), 0700) != 0) {
       if (errno == EEXIST) continue;
       return io_error("{}: cannot create: {}", path, file_problem(errno));
     }
-    const int file = ::open(lock.c_str(), O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0600);
+    const int file =
+        ::open(lock_name.c_str(), O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0600);
     const int error = errno;
-    if (file >= 0 && os::try_lock(file) != os::LockResult::kBusy && os::is_named(file, lock)) {
+    if (file >= 0 && os::try_lock(file) != os::LockResult::kBusy && os::is_named(file, lock_name)) {
       path_ = std::move(name);
-      lock_name_ = std::move(lock);
+      lock_name_ = std::move(lock_name);
       lock_ = file;
-      list();
+      list(lock);
       return {};
     }
     if (file >= 0) {
@@ -245,8 +248,9 @@ Status WorkFolder::create(const std::string& path) {
 
 WorkFolder::~WorkFolder() {
   if (lock_ < 0) return;
-  unlist();
   abandon();
+  const ListLock lock(list_mutex());
+  unlist(lock);
   ::close(lock_);
 }
 
@@ -268,6 +272,7 @@ Status OutputLock::take(const std::string& path) {
   std::string name =
       (full.parent_path() / fmt::format(".{}.lock", full.filename().string())).string();
   for (int attempt = 0; attempt < kMaxAttempts; ++attempt) {
+    const ListLock lock(list_mutex());
     const int file = ::open(
         name.c_str(), O_RDWR | O_CREAT | O_NOFOLLOW | O_NONBLOCK | O_NOCTTY | O_CLOEXEC, 0666);
     if (file < 0)
@@ -287,7 +292,7 @@ Status OutputLock::take(const std::string& path) {
     if (os::is_named(file, name)) {
       name_ = std::move(name);
       lock_ = file;
-      list();
+      list(lock);
       return {};
     }
     ::close(file);  // its last owner removed it meanwhile
@@ -297,8 +302,9 @@ Status OutputLock::take(const std::string& path) {
 
 OutputLock::~OutputLock() {
   if (lock_ < 0) return;
-  unlist();
   abandon();
+  const ListLock lock(list_mutex());
+  unlist(lock);
   ::close(lock_);
 }
 

@@ -7,6 +7,7 @@
 // file system without locks leftovers stay.
 #pragma once
 
+#include <mutex>
 #include <string>
 #include <vector>
 
@@ -24,10 +25,15 @@ class Unfinished {
   Unfinished() = default;
   ~Unfinished() = default;
 
+  using ListLock = std::lock_guard<std::mutex>;
+
+  // Guards the list. A file is created and listed, or renamed and unlisted, under one lock, and is
+  // unlisted after its removal: so the process can end at any time without leaving it.
+  static std::mutex& list_mutex() noexcept;
   // Adds the object to those that are removed, and takes it out again. Its names must not change in
   // between.
-  void list() noexcept;
-  void unlist() noexcept;
+  void list(const ListLock&) noexcept;
+  void unlist(const ListLock&) noexcept;
 
  private:
   friend void remove_unfinished() noexcept;
@@ -38,8 +44,8 @@ class Unfinished {
 };
 
 // Removes the temporary files, work folders and locks of this process, which must end then: from
-// now on, other threads wait if they complete or remove one. Best effort: files that others create
-// in a work folder meanwhile stay for remove_leftovers().
+// now on, other threads wait if they create, complete or remove one. Best effort: files that others
+// create in a work folder meanwhile stay for remove_leftovers().
 void remove_unfinished() noexcept;
 
 // Gives an open file the permissions of the regular file at `path`, if there is one of the same
