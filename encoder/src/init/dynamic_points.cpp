@@ -20,22 +20,19 @@ cv::Mat static_depth_of(const Surface& surface, const View& view) {
   return out;
 }
 
-// Finds the depths of the nearest and farthest hull cell visible inside `box`, widened by `slack`.
-// Returns false if there is none.
-bool hull_range(const View& view, const std::vector<cv::Vec3d>& cells, cv::Rect box, double slack,
-                double* near, double* far) {
+// Finds the depths of the nearest and farthest hull cell visible inside `box`, widened by the side
+// of two cells. Returns false if there is none.
+bool hull_range(const View& view, const std::vector<HullCell>& cells, cv::Rect box, double* near,
+                double* far) {
   *near = 1e300;
   *far = 0;
-  for (const cv::Vec3d& cell : cells) {
-    const Pixel p = project(view, cell);
+  for (const HullCell& cell : cells) {
+    const Pixel p = project(view, cell.centre);
     if (!p.inside || !box.contains({p.x(), p.y()})) continue;
-    *near = std::min(*near, p.depth);
-    *far = std::max(*far, p.depth);
+    *near = std::min(*near, std::max(0.2 * p.depth, p.depth - 2 * cell.side));
+    *far = std::max(*far, p.depth + 2 * cell.side);
   }
-  if (*far <= 0) return false;
-  *near = std::max(0.2 * *near, *near - slack);
-  *far += slack;
-  return true;
+  return *far > 0;
 }
 
 struct SweptView {
@@ -80,7 +77,7 @@ std::vector<cv::Rect> mask_boxes(const cv::Mat& mask) {
 
 SweptView sweep_view(const std::vector<SweepImage>& images, int i, const std::vector<View>& views,
                      const cv::Mat& mask, const VisualHull& hull,
-                     const std::vector<cv::Vec3d>& cells, const cv::Vec3d& focus) {
+                     const std::vector<HullCell>& cells, const cv::Vec3d& focus) {
   SweptView out;
   out.mask = mask;
   const std::vector<int> near = neighbours(views, i, focus, kNeighbours);
@@ -92,9 +89,7 @@ SweptView sweep_view(const std::vector<SweepImage>& images, int i, const std::ve
   out.map = {blank(0), blank(1)};
   for (const cv::Rect& box : mask_boxes(mask)) {
     SweepSettings settings;
-    if (!hull_range(views[i], cells, box, 2 * hull.cell(), &settings.nearest, &settings.farthest)) {
-      continue;
-    }
+    if (!hull_range(views[i], cells, box, &settings.nearest, &settings.farthest)) continue;
     settings.planes =
         plane_count(views[i], views, near, settings.nearest, settings.farthest, 8, 64);
     settings.region = box;
@@ -170,11 +165,12 @@ Status find_dynamic_points(const PreparedCapture& capture, const std::vector<Vie
   const double nearest = 0.6 * scene.range.nearest;
   const Box bounds =
       visible_box(views, nearest, scene.range.farthest, std::min(3, int(views.size())));
-  const double cell = 1.5 * scene.focus.depth / silhouettes[0].view.fx;
-  const VisualHull hull = VisualHull::carve(silhouettes, bounds, nearest, cell);
+  const double side = 1.5 * scene.focus.depth / silhouettes[0].view.fx;
+  const VisualHull hull =
+      VisualHull::carve(silhouettes, bounds, nearest, {side, scene.focus.depth});
   out->hull_cells = hull.count();
   if (hull.empty()) return {};
-  const std::vector<cv::Vec3d> cells = hull.surface();
+  const std::vector<HullCell> cells = hull.surface();
 
   std::vector<SweepImage> images;
   std::vector<View> small;

@@ -8,8 +8,7 @@
 namespace stgs::encoder::init {
 namespace {
 
-constexpr int kCoarseCells = 64;       // per side, to find the box of the hull
-constexpr int kMaxCells = 192;         // per side
+constexpr std::size_t kMaxCells = 2'000'000;
 constexpr double kBehindSlack = 1.06;  // tolerance for depth errors of the static surface
 
 int views_needed(std::size_t views) {
@@ -82,6 +81,15 @@ bool ball_may_be_inside(const std::vector<Silhouette>& silhouettes, const cv::Ve
          impossible <= misses_allowed(possible + impossible);
 }
 
+// Returns one of the eight parts of a cube; bit k of `part` is set in the upper half of axis k.
+HullCell part_of(const HullCell& cube, int part) {
+  HullCell out{cube.centre, 0.5 * cube.side};
+  for (int k = 0; k < 3; ++k) {
+    out.centre[k] += (part >> k & 1) != 0 ? 0.25 * cube.side : -0.25 * cube.side;
+  }
+  return out;
+}
+
 }  // namespace
 
 Silhouette make_silhouette(const View& view, const cv::Mat& mask, const cv::Mat& behind) {
@@ -92,91 +100,101 @@ Silhouette make_silhouette(const View& view, const cv::Mat& mask, const cv::Mat&
   return out;
 }
 
-void VisualHull::allocate(const Box& box, double cell) {
-  box_ = box;
-  cell_ = cell;
-  std::size_t cells = 1;
-  for (int k = 0; k < 3; ++k) {
-    size_[k] = std::max(1, int(std::ceil((box.high[k] - box.low[k]) / cell)));
-    cells *= size_[k];
-  }
-  inside_.assign(cells, 0);
-  count_ = 0;
-}
+// Builds the nodes of a hull from the leaves up.
+class VisualHull::Carver {
+ public:
+  Carver(const std::vector<Silhouette>& silhouettes, double nearest, HullCells cells)
+      : silhouettes_(silhouettes), nearest_(nearest), cells_(cells) {}
 
-void VisualHull::carve_cube(const std::vector<Silhouette>& silhouettes, double nearest,
-                            bool conservative, int level, int x, int y, int z) {
-  if (x >= size_[0] || y >= size_[1] || z >= size_[2]) return;
-  const int side = 1 << level;
-  const cv::Vec3d middle = box_.low + cell_ * (cv::Vec3d(x, y, z) + cv::Vec3d::all(0.5 * side));
-  if (level == 0 && !conservative) {
-    if (!point_inside(silhouettes, middle, nearest)) return;
-  } else if (!ball_may_be_inside(silhouettes, middle, 0.87 * side * cell_, nearest)) {
-    return;
+  // Returns the node of the part of a cube that is inside.
+  std::int32_t carve(const HullCell& cube, VisualHull* hull) const {
+    if (hull->count_ > kMaxCells) return kOutside;
+    if (cube.side < 1.5 * side_at(cube.centre)) {
+      if (!point_inside(silhouettes_, cube.centre, nearest_)) return kOutside;
+      ++hull->count_;
+      return kInside;
+    }
+    const double radius = 0.87 * cube.side;  // half the diagonal
+    if (!ball_may_be_inside(silhouettes_, cube.centre, radius, nearest_)) return kOutside;
+    Node node;
+    bool is_empty = true;
+    for (int k = 0; k < 8; ++k) {
+      node[k] = carve(part_of(cube, k), hull);
+      is_empty = is_empty && node[k] == kOutside;
+    }
+    if (is_empty) return kOutside;
+    hull->nodes_.push_back(node);
+    return std::int32_t(hull->nodes_.size() - 1);
   }
-  if (level == 0) {
-    inside_[index(x, y, z)] = 1;
-    ++count_;
-    return;
+
+ private:
+  double side_at(const cv::Vec3d& p) const {
+    double distance = 1e300;
+    for (const Silhouette& s : silhouettes_) {
+      distance = std::min(distance, cv::norm(s.view.centre - p));
+    }
+    return cells_.side * std::max(1.0, distance / cells_.depth);
   }
-  const int half = side / 2;
-  for (int child = 0; child < 8; ++child) {
-    carve_cube(silhouettes, nearest, conservative, level - 1, x + (child & 1) * half,
-               y + (child >> 1 & 1) * half, z + (child >> 2) * half);
-  }
-}
+
+  const std::vector<Silhouette>& silhouettes_;
+  double nearest_ = 0;
+  HullCells cells_;
+};
 
 VisualHull VisualHull::carve(const std::vector<Silhouette>& silhouettes, const Box& bounds,
-                             double nearest, double cell) {
-  VisualHull coarse;
-  if (bounds.empty() || silhouettes.size() < 2) return coarse;
+                             double nearest, HullCells cells) {
+  VisualHull hull;
+  if (bounds.empty() || silhouettes.size() < 2) return hull;
   const cv::Vec3d extent = bounds.high - bounds.low;
-  const double longest_edge = std::max({extent[0], extent[1], extent[2]});
-  const auto carve_all = [&](VisualHull& hull, bool conservative) {
-    int level = 0;
-    while ((1 << level) < std::max({hull.size_[0], hull.size_[1], hull.size_[2]})) ++level;
-    hull.carve_cube(silhouettes, nearest, conservative, level, 0, 0, 0);
-  };
-  coarse.allocate(bounds, longest_edge / kCoarseCells);
-  carve_all(coarse, true);
-  if (coarse.empty()) return coarse;
-  Box tight{cv::Vec3d::all(1e300), cv::Vec3d::all(-1e300)};
-  for (int z = 0; z < coarse.size_[2]; ++z) {
-    for (int y = 0; y < coarse.size_[1]; ++y) {
-      for (int x = 0; x < coarse.size_[0]; ++x) {
-        if (!coarse.inside_[coarse.index(x, y, z)]) continue;
-        const cv::Vec3d c = coarse.centre(x, y, z);
-        for (int k = 0; k < 3; ++k) {
-          tight.low[k] = std::min(tight.low[k], c[k] - 0.5 * coarse.cell_);
-          tight.high[k] = std::max(tight.high[k], c[k] + 0.5 * coarse.cell_);
-        }
-      }
-    }
-  }
-  const cv::Vec3d size = tight.high - tight.low;
-  VisualHull fine;
-  fine.allocate(tight, std::max(cell, std::max({size[0], size[1], size[2]}) / kMaxCells));
-  carve_all(fine, false);
-  return fine;
+  hull.cube_.centre = 0.5 * (bounds.low + bounds.high);
+  do {
+    hull.nodes_.clear();
+    hull.count_ = 0;
+    hull.cube_.side = cells.side;
+    const double longest = std::max({extent[0], extent[1], extent[2]});
+    while (hull.cube_.side < longest) hull.cube_.side *= 2;
+    hull.root_ = Carver(silhouettes, nearest, cells).carve(hull.cube_, &hull);
+    cells.side *= 2;
+  } while (hull.count_ > kMaxCells);
+  return hull;
 }
 
-std::vector<cv::Vec3d> VisualHull::surface() const {
-  std::vector<cv::Vec3d> out;
-  const auto filled = [&](int x, int y, int z) {
-    return x >= 0 && y >= 0 && z >= 0 && x < size_[0] && y < size_[1] && z < size_[2] &&
-           inside_[index(x, y, z)] != 0;
-  };
-  for (int z = 0; z < size_[2]; ++z) {
-    for (int y = 0; y < size_[1]; ++y) {
-      for (int x = 0; x < size_[0]; ++x) {
-        if (!filled(x, y, z)) continue;
-        const bool buried = filled(x - 1, y, z) && filled(x + 1, y, z) && filled(x, y - 1, z) &&
-                            filled(x, y + 1, z) && filled(x, y, z - 1) && filled(x, y, z + 1);
-        if (!buried) out.push_back(centre(x, y, z));
-      }
-    }
+bool VisualHull::contains(const cv::Vec3d& p) const {
+  HullCell cube = cube_;
+  const cv::Vec3d from_centre = p - cube.centre;
+  for (int k = 0; k < 3; ++k) {
+    if (!(std::abs(from_centre[k]) <= 0.5 * cube.side)) return false;
   }
-  return out;
+  std::int32_t node = root_;
+  while (node >= 0) {
+    int part = 0;
+    for (int k = 0; k < 3; ++k) part |= p[k] >= cube.centre[k] ? 1 << k : 0;
+    node = nodes_[node][part];
+    cube = part_of(cube, part);
+  }
+  return node == kInside;
+}
+
+void VisualHull::collect(std::int32_t node, const HullCell& cube,
+                         std::vector<HullCell>* out) const {
+  if (node == kOutside) return;
+  if (node >= 0) {
+    for (int k = 0; k < 8; ++k) collect(nodes_[node][k], part_of(cube, k), out);
+    return;
+  }
+  for (int k = 0; k < 6; ++k) {
+    cv::Vec3d step(0, 0, 0);
+    step[k / 2] = k % 2 == 0 ? cube.side : -cube.side;
+    if (contains(cube.centre + step)) continue;
+    out->push_back(cube);
+    return;
+  }
+}
+
+std::vector<HullCell> VisualHull::surface() const {
+  std::vector<HullCell> cells;
+  collect(root_, cube_, &cells);
+  return cells;
 }
 
 Box visible_box(const std::vector<View>& views, double nearest, double farthest, int views_needed) {

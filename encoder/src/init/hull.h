@@ -3,6 +3,7 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <opencv2/core.hpp>
 #include <vector>
@@ -27,46 +28,46 @@ struct Box {
   bool empty() const { return !(low[0] < high[0] && low[1] < high[1] && low[2] < high[2]); }
 };
 
-// A set of cells of a regular grid. A cell belongs to the hull if its centre is inside the mask
+// A cube of the hull.
+struct HullCell {
+  cv::Vec3d centre;
+  double side = 0;  // scene units
+};
+
+// Resolution of a hull.
+struct HullCells {
+  double side = 0;   // of the smallest cells, scene units
+  double depth = 0;  // distance from the nearest view from which on cells grow with the distance
+};
+
+// An octree of cells. A cell belongs to the hull if its centre is inside the mask
 //   - in at least three of the views that see it (two if there are only two views), and
 //   - in nearly all of them (about one miss in eight is allowed).
 // A view does not see a cell that lies behind its static surface.
 class VisualHull {
  public:
-  // Carves `bounds`: first coarsely to find the box of the hull, then inside that box with cells of
-  // `cell` scene units (larger if that exceeds 192 cells per side).
+  // Carves `bounds`, without anything nearer than `nearest` to a view. Cells are larger than
+  // requested if there would be more than two million.
   static VisualHull carve(const std::vector<Silhouette>& silhouettes, const Box& bounds,
-                          double nearest, double cell);
+                          double nearest, HullCells cells);
 
   bool empty() const { return count_ == 0; }
   std::size_t count() const { return count_; }  // number of cells
-  double cell() const { return cell_; }         // side of a cell, scene units
-  bool contains(const cv::Vec3d& p) const {
-    const cv::Vec3d g = (p - box_.low) * (1 / cell_);
-    if (g[0] < 0 || g[1] < 0 || g[2] < 0) return false;
-    const int x = int(g[0]), y = int(g[1]), z = int(g[2]);
-    if (x >= size_[0] || y >= size_[1] || z >= size_[2]) return false;
-    return inside_[index(x, y, z)] != 0;
-  }
-  // Returns the centres of the cells that have a neighbour outside the hull.
-  std::vector<cv::Vec3d> surface() const;
+  bool contains(const cv::Vec3d& p) const;
+  // Returns the cells that have a neighbour outside the hull.
+  std::vector<HullCell> surface() const;
 
  private:
-  std::size_t index(int x, int y, int z) const {
-    return (std::size_t(z) * size_[1] + y) * size_[0] + x;
-  }
-  cv::Vec3d centre(int x, int y, int z) const {
-    return box_.low + cell_ * cv::Vec3d(x + 0.5, y + 0.5, z + 0.5);
-  }
-  void allocate(const Box& box, double cell);
-  // Visits the cube of 2^level cells per side at (x, y, z).
-  void carve_cube(const std::vector<Silhouette>& silhouettes, double nearest, bool conservative,
-                  int level, int x, int y, int z);
+  // The eight parts of a cube, each the index of a node, or one of the two constants below.
+  using Node = std::array<std::int32_t, 8>;
+  static constexpr std::int32_t kOutside = -1, kInside = -2;
 
-  Box box_;
-  double cell_ = 1;
-  std::array<int, 3> size_{0, 0, 0};
-  std::vector<std::uint8_t> inside_;
+  class Carver;
+  void collect(std::int32_t node, const HullCell& cube, std::vector<HullCell>* out) const;
+
+  std::vector<Node> nodes_;
+  std::int32_t root_ = kOutside;
+  HullCell cube_;  // of the root
   std::size_t count_ = 0;
 };
 
