@@ -50,6 +50,27 @@ TEST_CASE("growth clones small primitives, splits large ones and removes transpa
   CHECK(state.statistics.views[1] == 0);
 }
 
+TEST_CASE("the largest size grows with the distance beyond the vicinity") {
+  const HyperParameters parameters;
+  DensifyContext context;
+  context.extent = 1.0f;
+  context.vicinity = {{1, 0, 0}, 4};
+  const DensifyRules rules = densify_rules(parameters, context);
+  const auto survives_at = [&](float x, double size) {
+    const auto s = static_cast<float>(std::log(size * parameters.prune_scale));
+    return survives(rules, 0.0f, {-9, s, -9}, {x, 0, 0});
+  };
+  for (const float x : {-2.9f, 1.0f, 4.9f}) {
+    CHECK(survives_at(x, 0.99));
+    CHECK_FALSE(survives_at(x, 1.01));
+  }
+  CHECK(survives_at(401, 99));
+  CHECK(survives_at(-399, 99));
+  CHECK_FALSE(survives_at(401, 101));
+  context.vicinity = {};
+  CHECK_FALSE(survives(densify_rules(parameters, context), 0.0f, {-9, 1, -9}, {401, 0, 0}));
+}
+
 TEST_CASE("plain growth uses the mean gradient alone, and its clones are exact copies") {
   TrainState state = random_train_state(4, 5);
   for (float& logit : state.set.opacity_logit) logit = 0.0f;

@@ -20,13 +20,18 @@ double quantile(std::vector<double>& values, double q) {
 
 }  // namespace
 
-void set_bounds(const std::vector<View>& views, const std::vector<InitialPoint>& points,
+void set_bounds(const std::vector<View>& views, std::vector<InitialPoint> points, double far,
                 PreparedCapture* capture) {
   cv::Vec3d middle(0, 0, 0);
   for (const View& view : views) middle += view.centre * (1.0 / double(views.size()));
   double extent = 0;
   for (const View& view : views) extent = std::max(extent, cv::norm(view.centre - middle));
   if (extent > 0) capture->extent = float(1.1 * extent);  // as in 3D Gaussian Splatting
+  if (far > 0) {
+    std::erase_if(points, [&](const InitialPoint& point) {
+      return cv::norm(position_of(point) - middle) > 0.5 * far;
+    });
+  }
   if (points.empty()) return;
   double nearest = 1e300;
   for (const View& view : views) {

@@ -9,8 +9,9 @@
 namespace stgs::encoder::init {
 
 // Sets near_plane, extent, scene_centre and scene_radius of `capture` from the points and the
-// training views. Keeps the previous values where there is too little data.
-void set_bounds(const std::vector<View>& views, const std::vector<InitialPoint>& points,
+// training views. Keeps the previous values where there is too little data. Points at half of the
+// distance `far` of the far background, or beyond, do not count; 0: all do.
+void set_bounds(const std::vector<View>& views, std::vector<InitialPoint> points, double far,
                 PreparedCapture* capture);
 
 // Removes the points that lie in front of the near plane in any training view.

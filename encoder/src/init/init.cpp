@@ -313,7 +313,7 @@ void collect_points(State& state) {
   }
   std::vector<InitialPoint> all = state.static_points;
   all.insert(all.end(), state.dynamic_points.begin(), state.dynamic_points.end());
-  set_bounds(state.views, all, &state.capture);
+  set_bounds(state.views, all, state.scene.far, &state.capture);
   drop_too_near(state.views, state.capture.near_plane, &state.static_points);
   drop_too_near(state.views, state.capture.near_plane, &state.dynamic_points);
   state.too_near = all.size() - state.static_points.size() - state.dynamic_points.size();
@@ -342,6 +342,7 @@ ReportFacts facts_of(const State& state) {
   add("depth range",
       fmt::format("{:.3g} to {:.3g}{}", state.scene.range.nearest, state.scene.range.farthest,
                   state.scene.range.measured ? "" : " (estimated)"));
+  if (state.scene.far > 0) add("far background", fmt::format("at {:.3g}", state.scene.far));
   add("near plane", fmt::format("{:.3g}", state.capture.near_plane));
   add("scene radius", fmt::format("{:.3g}", state.capture.scene_radius));
   facts.seconds = state.work.timings();

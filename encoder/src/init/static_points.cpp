@@ -6,6 +6,7 @@
 #include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "init/far_content.h"
 #include "init/stereo_depth.h"
 
 namespace stgs::encoder::init {
@@ -16,7 +17,7 @@ constexpr int kCoarsePlanes = 64;
 constexpr double kAgreeSteps = 1.5;  // largest disagreement of two views, in planes
 constexpr float kMaxCost = 0.6f;
 constexpr int kDepthMaxSide = 320;  // longer side of the images of depth maps, pixels
-// Weights from here on are of depth that stereo confirms; those of swept depth are smaller.
+// Weights from here on are of depth that stereo confirms, or far; those of swept depth are smaller.
 constexpr float kStereoWeight = 2.0f;
 // A point in front of confirmed depth, by this share of it, is wrong.
 constexpr double kInFront = 0.04;
@@ -310,9 +311,14 @@ Status refine_static_depth(const std::vector<StaticImage>& inputs, Work& work, S
   const DepthRange range = surface_range(scene->surfaces);
   STGS_ASSIGN(const std::vector<StereoDepth> stereo,
               match_static(inputs, scene->focus.point, range, work));
+  if (stereo.empty()) return {};
   for (std::size_t i = 0; i < stereo.size(); ++i) {
     Surface& surface = scene->surfaces[i];
     prefer_stereo(stereo[i], scene->usable[i], &surface);
+  }
+  STGS_ASSIGN(scene->far, place_far_content(scene->usable, scene->focus.point, kStereoWeight, work,
+                                            &scene->surfaces));
+  for (Surface& surface : scene->surfaces) {
     surface.depth = fill_depth(surface.depth, surface.weight, 0.7 * scene->range.farthest);
   }
   return {};

@@ -26,6 +26,7 @@ struct StaticImage {
 
 struct StaticScene {
   DepthRange range;
+  double far = 0;  // distance of sky and far background, scene units; 0: none
   Focus focus;
   std::vector<Surface> surfaces;  // per view; depth is dense, weight is above 0 where confirmed
   std::vector<cv::Mat> usable;    // per view, 8-bit: 255 where the background is valid

@@ -101,7 +101,8 @@ std::vector<std::uint32_t> list_survivors(const TrainState& state, const Densify
   for (std::size_t i = 0; i < state.size(); ++i) {
     if (!is_finite(state, i)) {
       ++non_finite;
-    } else if (survives(rules, state.set.opacity_logit[i], log_scale_of(state, i)) &&
+    } else if (survives(rules, state.set.opacity_logit[i], log_scale_of(state, i),
+                        position_of(state, i)) &&
                !in_free_space(free_space, position_of(state, i))) {
       survivors.push_back(static_cast<std::uint32_t>(i));
     }
@@ -115,7 +116,8 @@ DensifyRules densify_rules(const HyperParameters& parameters, const DensifyConte
           static_cast<float>(parameters.split_scale) * context.extent,
           static_cast<float>(parameters.clone_gradient),
           static_cast<float>(parameters.split_gradient),
-          context.plain};
+          context.plain,
+          context.vicinity};
 }
 
 std::size_t max_growth(const HyperParameters& parameters, const DensifyContext& context,

@@ -22,6 +22,7 @@ struct DensifyContext {
   bool plain = false;     // growth as in 3DGS: mean gradients only, clones are exact copies
   std::uint64_t seed = 0;
   FreeSpace free_space{};  // primitives in it are removed
+  Vicinity vicinity{};
 };
 
 DensifyRules densify_rules(const HyperParameters& parameters, const DensifyContext& context);

@@ -7,6 +7,7 @@
 #include "stgs/format/math/lifespan.h"
 #include "stgs/format/math/project.h"
 #include "train/random.h"
+#include "train/vicinity.h"
 
 namespace stgs::encoder {
 
@@ -22,6 +23,7 @@ struct DensifyRules {
   float split_limit;  // larger primitives split, smaller ones clone
   float clone_gradient, split_gradient;
   bool plain;  // growth as in 3DGS: mean gradients only, clones are exact copies
+  Vicinity vicinity;
 };
 
 // Weights of the terms of the score s (paper eq. 5).
@@ -66,9 +68,10 @@ STGS_FN float max_scale(math::Vec3 log_scale) {
 }
 
 // Returns whether a primitive with finite values is neither too transparent nor too large.
-STGS_FN bool survives(const DensifyRules& rules, float opacity_logit, math::Vec3 log_scale) {
+STGS_FN bool survives(const DensifyRules& rules, float opacity_logit, math::Vec3 log_scale,
+                      math::Vec3 position) {
   return !(math::opacity_of(opacity_logit) < rules.prune_opacity) &&
-         max_scale(log_scale) < rules.too_large;
+         max_scale(log_scale) < rules.too_large * size_unit(rules.vicinity, position);
 }
 
 // Returns the cap of an opacity reset: above the pruning threshold by the same factor as in 3DGS.

@@ -14,6 +14,7 @@
 #include "train/foreground.h"
 #include "train/initial_points.h"
 #include "train/random.h"
+#include "train/rig.h"
 #include "train/scene_background.h"
 
 namespace stgs::encoder {
@@ -174,6 +175,7 @@ Result<TrainState> initial_points_state(const PreparedCapture& capture,
     by_frame[points[i].frame].push_back(static_cast<std::uint32_t>(i));
   }
   const auto radius = static_cast<float>(capture.scene_radius);
+  const Vicinity vicinity = vicinity_of(capture);
   std::vector<float> distances(points.size());
   for (const auto& [frame, members] : by_frame) {
     neighbour_distances(points, members, 0.01f * radius, distances);
@@ -184,8 +186,10 @@ Result<TrainState> initial_points_state(const PreparedCapture& capture,
   for (std::size_t i = 0; i < points.size(); ++i) {
     const double factor =
         points[i].frame >= 0 ? parameters.initial_scale_dynamic : parameters.initial_scale;
+    const float* p = points[i].position;
+    const float largest = 0.1f * radius * size_unit(vicinity, {p[0], p[1], p[2]});
     const float scale =
-        std::clamp(static_cast<float>(factor) * distances[i], 1e-4f * radius, 0.1f * radius);
+        std::clamp(static_cast<float>(factor) * distances[i], 1e-4f * radius, largest);
     set_primitive(points[i], scale, capture, parameters, ablation, i, state);
   }
   const std::size_t training_cameras = capture.training_cameras().size();
@@ -203,6 +207,16 @@ Result<TrainState> initial_points_state(const PreparedCapture& capture,
   return state;
 }
 
+// Removes the primitives of sky and far background.
+void remove_far(const Vicinity& vicinity, TrainState& state) {
+  std::vector<std::uint32_t> near;
+  for (std::size_t i = 0; i < state.size(); ++i) {
+    const float* p = &state.set.position[3 * i];
+    if (!(size_unit(vicinity, {p[0], p[1], p[2]}) > 1.0f)) near.push_back(std::uint32_t(i));
+  }
+  state.retain(near);
+}
+
 }  // namespace
 
 Result<TrainState> initial_state(const PreparedCapture& capture, const HyperParameters& parameters,
@@ -211,8 +225,9 @@ Result<TrainState> initial_state(const PreparedCapture& capture, const HyperPara
   if (parameters.seen_background != 0 && !capture.mask_background) {
     // For the complete capture and with the shared seed, so that all windows have the same.
     const PreparedCapture complete = full_capture(capture);
-    STGS_ASSIGN(const TrainState initial,
+    STGS_ASSIGN(TrainState initial,
                 initial_points_state(complete, parameters, ablation, kSharedSeed));
+    remove_far(vicinity_of(complete), initial);  // which is to be seen where nothing else is
     STGS_ASSIGN(state.background, scene_background(complete, initial.set, parameters.kernel));
   }
   return state;

@@ -8,6 +8,9 @@
 namespace stgs::encoder {
 namespace {
 
+// Radius of the vicinity, relative to the extent of the rig and to the radius of the scene.
+constexpr double kNearExtents = 4, kNearRadii = 2;
+
 // Tuned on training cameras that were held out of workshop_ring and basketball.
 constexpr double kDenseCameras = 27, kSparseCameras = 17;
 constexpr double kDenseAngle = 14, kSparseAngle = 17;  // to the second nearest camera, degrees
@@ -75,6 +78,13 @@ double rig_sparsity(const std::vector<RigPose>& poses, const double scene[3]) {
 
 double rig_sparsity(const PreparedCapture& capture) {
   return rig_sparsity(training_poses(capture), capture.scene_centre);
+}
+
+Vicinity vicinity_of(const PreparedCapture& capture) {
+  const double* c = capture.scene_centre;
+  return {{static_cast<float>(c[0]), static_cast<float>(c[1]), static_cast<float>(c[2])},
+          static_cast<float>(
+              std::max(kNearExtents * capture.extent, kNearRadii * capture.scene_radius))};
 }
 
 }  // namespace stgs::encoder

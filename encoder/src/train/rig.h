@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "stgs/encoder/prepared_capture.h"
+#include "train/vicinity.h"
 
 namespace stgs::encoder {
 
@@ -30,5 +31,9 @@ double rig_angle(const RigPose& a, const RigPose& b, const double scene[3]);
 // the number of cameras grows from 17 to 27, and as that angle falls from 17 to 14 degrees.
 double rig_sparsity(const std::vector<RigPose>& poses, const double scene[3]);
 double rig_sparsity(const PreparedCapture& capture);
+
+// Returns the ball within which size limits are absolute. It holds nearly all content but sky and
+// far background.
+Vicinity vicinity_of(const PreparedCapture& capture);
 
 }  // namespace stgs::encoder

@@ -13,6 +13,7 @@
 #include "train/foreground.h"
 #include "train/free_space.h"
 #include "train/random.h"
+#include "train/rig.h"
 #include "train/step_schedule.h"
 
 namespace stgs::encoder {
@@ -269,9 +270,9 @@ Status Trainer::densify() {
   if (plan.second_stage) state_.second_stage = 1;
   if (!plan.grow && !plan.replace && !plan.relocate) return {};
   STGS_TRY(read_steps());
-  const DensifyContext context{capture_.extent, ablation_.modulation,
-                               ablation_.densification == Densification::kPlain, settings_.seed,
-                               free_space_};
+  const DensifyContext context{
+      capture_.extent, ablation_.modulation, ablation_.densification == Densification::kPlain,
+      settings_.seed,  free_space_,          vicinity_of(capture_)};
   const bool reset = plan.grow && static_cast<int>(state_.opacity_resets) < plan.resets_due;
   const DensifyStep step = plan.grow      ? DensifyStep::kGrow
                            : plan.replace ? DensifyStep::kReplace

@@ -55,7 +55,9 @@ __global__ void mark_survivors(const Primitives p, const DensifyRules rules, con
                                std::uint32_t* flags, DensifyTotals* totals) {
   const std::uint32_t i = thread_index();
   const bool valid = i < p.n && is_finite(p, i);
-  const bool survivor = valid && survives(rules, p.values[kOpacity][i], read3(p.log_scale, i)) &&
+  const bool survivor = valid &&
+                        survives(rules, p.values[kOpacity][i], read3(p.log_scale, i),
+                                 read3(p.values[kPosition], i)) &&
                         !in_free_space(space, read3(p.values[kPosition], i));
   if (i < p.n) flags[i] = survivor;
   add(&totals->survivors, survivor);
