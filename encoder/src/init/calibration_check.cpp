@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "init/epipolar.h"
+#include "init/pose_fit.h"
 #include "median.h"
 
 namespace stgs::encoder::init {
@@ -21,6 +22,9 @@ constexpr int kMinKnown = 8;        // matches of known depth
 // A mistake explains a disagreement if this share of at least so many pairs agree without it, with
 // so small an error, and a given error that is large or matches behind the cameras.
 constexpr double kExplainedShare = 0.7, kExplainedError = 1, kLargeError = 5;
+// A smaller error without a known mistake is that of a camera if another pose and focal length
+// reduce it to this share of it. Otherwise the matches are wrong, as those of similar objects are.
+constexpr double kFittedShare = 0.4;
 constexpr std::size_t kMinPairsOfAll = 6, kMinPairsOfOne = 3;
 
 View with_pose(View view, const cv::Matx33d& rotation, const cv::Vec3d& translation) {
@@ -245,14 +249,18 @@ bool contains(const std::vector<int>& views, int view) {
   return std::find(views.begin(), views.end(), view) != views.end();
 }
 
-// Describes an outlier by its pairs with other views.
-Outlier describe(const std::vector<View>& views, const Pairs& pairs,
-                 const std::vector<int>& outliers, int view) {
+// Returns the pairs of a view with views that are no outliers.
+Pairs pairs_of(const Pairs& pairs, const std::vector<int>& outliers, int view) {
   Pairs own;
   for (const PairMatches& pair : pairs) {
     const int other = pair.a == view ? pair.b : pair.a;
     if ((pair.a == view || pair.b == view) && !contains(outliers, other)) own.push_back(pair);
   }
+  return own;
+}
+
+// Describes an outlier by its pairs.
+Outlier describe(const std::vector<View>& views, const Pairs& own, int view) {
   const std::vector<Agreement> given = agreements_of(views, own);
   Outlier out;
   out.view = view;
@@ -271,6 +279,13 @@ Outlier describe(const std::vector<View>& views, const Pairs& pairs,
   return out;
 }
 
+// Returns whether the matches of an outlier can be those of a camera whose calibration is wrong.
+bool is_plausible(const std::vector<View>& views, const Pairs& own, const Outlier& outlier) {
+  return own.empty() || outlier.is_behind || !outlier.cause.text.empty() ||
+         outlier.error >= kLargeError ||
+         fitted_error(views, own, outlier.view) < kFittedShare * outlier.error;
+}
+
 }  // namespace
 
 CalibrationCheck check_calibration(const std::vector<View>& views, const Pairs& pairs) {
@@ -280,7 +295,16 @@ CalibrationCheck check_calibration(const std::vector<View>& views, const Pairs& 
   const std::vector<Agreement> agreements = agreements_of(views, pairs);
   out.error = median_error(agreements);
   out.is_behind = share_in_front(agreements) < 0.5;
-  const std::vector<int> outliers = find_outliers(views.size(), pairs, agreements);
+  const std::vector<int> suspects = find_outliers(views.size(), pairs, agreements);
+  std::vector<Outlier> found;
+  std::vector<int> outliers;
+  for (const int view : suspects) {
+    const Pairs own = pairs_of(pairs, suspects, view);
+    const Outlier outlier = describe(views, own, view);
+    if (!is_plausible(views, own, outlier)) continue;
+    found.push_back(outlier);
+    outliers.push_back(view);
+  }
   out.fits =
       share_of_good(agreements) > kBadShare &&
       static_cast<double>(outliers.size()) <= kOutlierShare * static_cast<double>(views.size());
@@ -290,11 +314,11 @@ CalibrationCheck check_calibration(const std::vector<View>& views, const Pairs& 
   }
   std::vector<Agreement> others;
   for (std::size_t i = 0; i < pairs.size(); ++i) {
-    if (!contains(outliers, pairs[i].a) && !contains(outliers, pairs[i].b))
+    if (!contains(suspects, pairs[i].a) && !contains(suspects, pairs[i].b))
       others.push_back(agreements[i]);
   }
   out.error = median_error(others);
-  for (const int view : outliers) out.outliers.push_back(describe(views, pairs, outliers, view));
+  out.outliers = std::move(found);
   return out;
 }
 

@@ -28,8 +28,8 @@ struct Outlier {
 
 struct CalibrationCheck {
   std::size_t pairs = 0;  // of views with matches; below kMinPairs nothing was checked
-  double error = 0;       // median over the pairs without outliers, pixels at the size of the views
-  bool fits = true;       // most cameras agree
+  double error = 0;  // median over the pairs that do not stand out, pixels at the size of the views
+  bool fits = true;  // most cameras agree
   bool is_behind = false;  // most matches are behind a camera
   Cause cause;             // of all cameras, if the calibration does not fit
   std::vector<Outlier> outliers;

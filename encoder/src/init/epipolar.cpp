@@ -17,12 +17,16 @@ cv::Matx33d fundamental_of(const View& a, const View& b) {
   return inverse(b).t() * cross * rotation * inverse(a);
 }
 
-double epipolar_distance(const cv::Matx33d& f, const cv::Point2d& p, const cv::Point2d& q) {
+double epipolar_offset(const cv::Matx33d& f, const cv::Point2d& p, const cv::Point2d& q) {
   const cv::Vec3d x(p.x, p.y, 1), y(q.x, q.y, 1);
   const cv::Vec3d line = f * x, other = f.t() * y;
   const double square =
       line[0] * line[0] + line[1] * line[1] + other[0] * other[0] + other[1] * other[1];
-  return std::abs(y.dot(line)) / std::sqrt(std::max(square, 1e-300));
+  return y.dot(line) / std::sqrt(std::max(square, 1e-300));
+}
+
+double epipolar_distance(const cv::Matx33d& f, const cv::Point2d& p, const cv::Point2d& q) {
+  return std::abs(epipolar_offset(f, p, q));
 }
 
 }  // namespace stgs::encoder::init
