@@ -77,6 +77,24 @@ TEST_CASE("the hull of a ball is about the ball, however far the bounds reach") 
   }
 }
 
+TEST_CASE("cells far from the views are larger, and none is outside the bounds") {
+  std::vector<Silhouette> everything = silhouettes(0);
+  for (Silhouette& s : everything)
+    s = make_silhouette(s.view, cv::Mat(s.view.size(), CV_8U, cv::Scalar(255)), {});
+  const Box bounds{cv::Vec3d(-40, -4, -40), cv::Vec3d(40, 4, 40)};
+  const VisualHull hull = VisualHull::carve(everything, bounds, 0.5, {0.05, kRing});
+  CHECK(hull.count() <= 2'000'000);  // with the requested size there would be about ten million
+  CHECK(hull.contains({0, 0, 0}));
+  CHECK_FALSE(hull.contains({0, 4.9, 0}));
+  double nearest = 1e300, farthest = 0;
+  for (const HullCell& cell : hull.surface()) {
+    nearest = std::min(nearest, cell.side);
+    farthest = std::max(farthest, cell.side);
+    CHECK(std::abs(cell.centre[1]) < 4 + 0.5 * cell.side);
+  }
+  CHECK(farthest >= 4 * nearest);
+}
+
 TEST_CASE("no hull without silhouettes, motion or bounds") {
   const Box bounds{cv::Vec3d::all(-2), cv::Vec3d::all(2)};
   CHECK(VisualHull::carve({}, bounds, 0.5, {kSide, kRing}).empty());

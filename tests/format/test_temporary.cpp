@@ -312,16 +312,21 @@ TEST_CASE("a published file stays open, and is appended to whatever its name lea
 
 // Makes and removes temporaries of `output` in a thread, and ends in the middle of it.
 [[noreturn]] void end_at_work(const std::string& output, std::chrono::microseconds after) {
-  std::thread([&output] {
-    for (int round = 0;; ++round) {
+  std::atomic<int> round = 0;
+  std::thread([&output, &round] {
+    for (;; ++round) {
       OutputLock lock;
       WorkFolder work;
       TemporaryFile file;
       if (!lock.take(output).ok() || !work.create(output).ok() || !file.create(output).ok()) break;
-      for (const char* name : {"a", "b", "c/d", "c/e"}) write_text(work.path() + "/" + name, name);
+      ::mkdir((work.path() + "/c").c_str(), 0700);
+      for (const char* name : {"a", "b", "c/d", "c/e"}) {
+        std::ofstream(work.path() + "/" + name) << name;
+      }
       if (round % 2 != 0 && !file.commit().ok()) break;
     }
   }).detach();
+  while (round == 0) std::this_thread::yield();
   std::this_thread::sleep_for(after);
   remove_unfinished();
   std::_Exit(0);

@@ -293,7 +293,7 @@ TEST_CASE("densification makes the same decisions as on the CPU") {
   for (const DensifyStep step :
        {DensifyStep::kGrow, DensifyStep::kReplace, DensifyStep::kRelocate}) {
     for (const int max_primitives : {5200, 20000}) {
-      DensifyContext context{2.0f, true, max_primitives == 20000, 11, {}};
+      DensifyContext context{2.0f, true, max_primitives == 20000, 11, {}, {{0, 0, 0}, 0.5f}};
       context.free_space.count = 1;
       context.free_space.views[0] = {
           {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}, 0.2f, 0.2f, 3.5f, 0.1f};

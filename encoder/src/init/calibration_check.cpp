@@ -22,9 +22,10 @@ constexpr int kMinKnown = 8;        // matches of known depth
 // A mistake explains a disagreement if this share of at least so many pairs agree without it, with
 // so small an error, and a given error that is large or matches behind the cameras.
 constexpr double kExplainedShare = 0.7, kExplainedError = 1, kLargeError = 5;
-// A smaller error without a known mistake is that of a camera if another pose and focal length
-// reduce it to this share of it. Otherwise the matches are wrong, as those of similar objects are.
+// A camera with a smaller error and no known mistake is an outlier only if another pose and focal
+// length reduce the error to this share. If none does, its matches connect objects that look alike.
 constexpr double kFittedShare = 0.4;
+constexpr std::size_t kMinPairsOfFit = 2;  // another pose explains the matches of any single pair
 constexpr std::size_t kMinPairsOfAll = 6, kMinPairsOfOne = 3;
 
 View with_pose(View view, const cv::Matx33d& rotation, const cv::Vec3d& translation) {
@@ -281,9 +282,9 @@ Outlier describe(const std::vector<View>& views, const Pairs& own, int view) {
 
 // Returns whether the matches of an outlier can be those of a camera whose calibration is wrong.
 bool is_plausible(const std::vector<View>& views, const Pairs& own, const Outlier& outlier) {
-  return own.empty() || outlier.is_behind || !outlier.cause.text.empty() ||
-         outlier.error >= kLargeError ||
-         fitted_error(views, own, outlier.view) < kFittedShare * outlier.error;
+  return outlier.is_behind || !outlier.cause.text.empty() || outlier.error >= kLargeError ||
+         (own.size() >= kMinPairsOfFit &&
+          fitted_error(views, own, outlier.view) < kFittedShare * outlier.error);
 }
 
 }  // namespace
@@ -317,7 +318,7 @@ CalibrationCheck check_calibration(const std::vector<View>& views, const Pairs& 
     if (!contains(suspects, pairs[i].a) && !contains(suspects, pairs[i].b))
       others.push_back(agreements[i]);
   }
-  out.error = median_error(others);
+  if (others.size() >= kMinPairs) out.error = median_error(others);
   out.outliers = std::move(found);
   return out;
 }

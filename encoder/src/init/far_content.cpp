@@ -19,7 +19,7 @@ constexpr int kEdge = 20;          // range of the colours in 3 x 3 pixels, grey
 constexpr int kMinSeeds = 49;      // pixels of an area
 // Shares of an area without edges that match; that adjoin it and are far; or that have colours of
 // far content.
-constexpr double kMatchShare = 0.03, kFarShare = 0.02, kColourShare = 0.8;
+constexpr double kMatchShare = 0.03, kFarShare = 0.02, kAlikeShare = 0.8;
 constexpr int kMinColour = 8;    // far pixels of a colour
 constexpr int kColourRatio = 4;  // of the numbers of far and near pixels of a colour
 
@@ -123,16 +123,19 @@ cv::Mat far_of(const std::vector<Surface>& surfaces, const std::vector<cv::Mat>&
   const Surface& surface = surfaces[i];
   const cv::Mat open = usable[i] & (surface.weight <= 0);
   cv::Mat agrees(surface.view.size(), CV_8U, cv::Scalar(0));
-  cv::Mat matches = agrees.clone(), differs = agrees.clone();
+  cv::Mat votes(surface.view.size(), CV_16S, cv::Scalar(0)), voted = agrees.clone();
   for (const int j : others) {
     const Comparison found = compare(surface, surfaces[j], usable[j]);
     const cv::Mat same = open & found.seen & (found.difference < kSameColour);
+    const cv::Mat textured = open & found.seen & (found.correlation != 0);
+    const cv::Mat matches = same & (found.correlation > kMinCorrelation);
+    cv::add(votes, 1, votes, matches);
+    cv::subtract(votes, 1, votes, textured & ~matches);
     agrees |= same;
-    matches |= same & (found.correlation > kMinCorrelation);
-    differs |= open & found.seen & (found.correlation != 0);
+    voted |= matches;
   }
-  differs &= ~matches;
-  matches &= mean_of(matches, kCoherence) > kMatchRatio * mean_of(differs, kCoherence);
+  cv::Mat matches = voted & (votes >= 0);
+  matches &= mean_of(matches, kCoherence) > kMatchRatio * mean_of(votes < 0, kCoherence);
   const cv::Mat even = open & without_edges(surface.rgb);
   const cv::Mat far = areas_with_seeds(matches | (even & agrees), matches, kMatchShare);
   return areas_with_seeds(far | even, far, kFarShare);
@@ -187,28 +190,17 @@ Result<std::vector<cv::Mat>> find_far(const std::vector<Surface>& surfaces,
   for (std::size_t i = 0; i < far.size(); ++i) colours.add(surfaces[i], far[i]);
   for (std::size_t i = 0; i < far.size(); ++i) {
     const cv::Mat even = usable[i] & (surfaces[i].weight <= 0) & without_edges(surfaces[i].rgb);
-    far[i] |= areas_with_seeds(even, even & colours.far_pixels(surfaces[i]), kColourShare);
+    far[i] |= areas_with_seeds(even, even & colours.far_pixels(surfaces[i]), kAlikeShare);
   }
   return far;
 }
 
-// Returns the distance from which on content moves by at most a pixel between any two cameras.
-double far_distance(const std::vector<Surface>& surfaces) {
-  double distance = 0;
-  for (const Surface& a : surfaces) {
-    for (const Surface& b : surfaces) {
-      distance = std::max(distance, a.view.camera->fx * cv::norm(a.view.centre - b.view.centre));
-    }
-  }
-  return distance;
-}
-
 }  // namespace
 
-Result<double> place_far_content(const std::vector<cv::Mat>& usable, const cv::Vec3d& focus,
-                                 float weight, Work& work, std::vector<Surface>* surfaces) {
+Result<bool> place_far_content(const std::vector<cv::Mat>& usable, const cv::Vec3d& focus,
+                               double distance, float weight, Work& work,
+                               std::vector<Surface>* surfaces) {
   STGS_ASSIGN(const std::vector<cv::Mat> far, find_far(*surfaces, usable, focus, work));
-  const double distance = far_distance(*surfaces);
   double pixels = 0, found = 0;
   for (std::size_t i = 0; i < far.size(); ++i) {
     Surface& surface = (*surfaces)[i];
@@ -225,9 +217,9 @@ Result<double> place_far_content(const std::vector<cv::Mat>& usable, const cv::V
       }
     }
   }
-  if (found == 0) return 0;
+  if (found == 0) return false;
   work.log(fmt::format("far background: {:.0f} % of the pixels", 100 * found / pixels));
-  return distance;
+  return true;
 }
 
 }  // namespace stgs::encoder::init

@@ -13,13 +13,13 @@
 
 namespace stgs::encoder::init {
 
-// Finds far pixels among those without a weight, and sets their depth, their normal (towards the
-// view) and `weight`. An area is far if it has texture that other views see in the same direction,
-// or if it adjoins such an area without an edge, or has its colours, which no near content has.
-// `usable`: for each surface, 8-bit, 255 where its image is valid. Returns the distance of the far
-// pixels from the views, at which they move by at most a pixel between any two cameras; 0 if there
-// are none. Takes one pass of the stage.
-Result<double> place_far_content(const std::vector<cv::Mat>& usable, const cv::Vec3d& focus,
-                                 float weight, Work& work, std::vector<Surface>* surfaces);
+// Finds far pixels among those without a weight, and sets their depth to `distance` from the view,
+// their normal (towards the view) and `weight`. An area is far if it has texture that other views
+// show in the same direction, or if it adjoins such an area without an edge, or has its colours,
+// which near content does not have. The surfaces have normals; `usable`: for each, 8-bit, 255 where
+// its image is valid. Returns whether there are any. Takes one pass of the stage.
+Result<bool> place_far_content(const std::vector<cv::Mat>& usable, const cv::Vec3d& focus,
+                               double distance, float weight, Work& work,
+                               std::vector<Surface>* surfaces);
 
 }  // namespace stgs::encoder::init

@@ -9,6 +9,7 @@ namespace stgs::encoder::init {
 namespace {
 
 constexpr std::size_t kMaxCells = 2'000'000;
+constexpr std::size_t kMaxExamined = 30'000'000;
 constexpr double kBehindSlack = 1.06;  // tolerance for depth errors of the static surface
 
 int views_needed(std::size_t views) {
@@ -90,6 +91,14 @@ HullCell part_of(const HullCell& cube, int part) {
   return out;
 }
 
+bool meets(const Box& box, const HullCell& cube) {
+  for (int k = 0; k < 3; ++k) {
+    if (cube.centre[k] + 0.5 * cube.side < box.low[k]) return false;
+    if (cube.centre[k] - 0.5 * cube.side > box.high[k]) return false;
+  }
+  return true;
+}
+
 }  // namespace
 
 Silhouette make_silhouette(const View& view, const cv::Mat& mask, const cv::Mat& behind) {
@@ -103,12 +112,17 @@ Silhouette make_silhouette(const View& view, const cv::Mat& mask, const cv::Mat&
 // Builds the nodes of a hull from the leaves up.
 class VisualHull::Carver {
  public:
-  Carver(const std::vector<Silhouette>& silhouettes, double nearest, HullCells cells)
-      : silhouettes_(silhouettes), nearest_(nearest), cells_(cells) {}
+  Carver(const std::vector<Silhouette>& silhouettes, const Box& bounds, double nearest,
+         HullResolution resolution)
+      : silhouettes_(silhouettes), bounds_(bounds), nearest_(nearest), resolution_(resolution) {}
 
+  bool has_too_many(const VisualHull& hull) const {
+    return hull.count_ > kMaxCells || examined_ > kMaxExamined;
+  }
   // Returns the node of the part of a cube that is inside.
-  std::int32_t carve(const HullCell& cube, VisualHull* hull) const {
-    if (hull->count_ > kMaxCells) return kOutside;
+  std::int32_t carve(const HullCell& cube, VisualHull* hull) {
+    ++examined_;
+    if (has_too_many(*hull) || !meets(bounds_, cube)) return kOutside;
     if (cube.side < 1.5 * side_at(cube.centre)) {
       if (!point_inside(silhouettes_, cube.centre, nearest_)) return kOutside;
       ++hull->count_;
@@ -133,30 +147,32 @@ class VisualHull::Carver {
     for (const Silhouette& s : silhouettes_) {
       distance = std::min(distance, cv::norm(s.view.centre - p));
     }
-    return cells_.side * std::max(1.0, distance / cells_.depth);
+    return resolution_.side * std::max(1.0, distance / resolution_.depth);
   }
 
   const std::vector<Silhouette>& silhouettes_;
+  const Box& bounds_;
+  std::size_t examined_ = 0;
   double nearest_ = 0;
-  HullCells cells_;
+  HullResolution resolution_;
 };
 
 VisualHull VisualHull::carve(const std::vector<Silhouette>& silhouettes, const Box& bounds,
-                             double nearest, HullCells cells) {
+                             double nearest, HullResolution resolution) {
   VisualHull hull;
   if (bounds.empty() || silhouettes.size() < 2) return hull;
   const cv::Vec3d extent = bounds.high - bounds.low;
   hull.cube_.centre = 0.5 * (bounds.low + bounds.high);
-  do {
+  for (;; resolution.side *= 2) {
     hull.nodes_.clear();
     hull.count_ = 0;
-    hull.cube_.side = cells.side;
+    hull.cube_.side = resolution.side;
     const double longest = std::max({extent[0], extent[1], extent[2]});
     while (hull.cube_.side < longest) hull.cube_.side *= 2;
-    hull.root_ = Carver(silhouettes, nearest, cells).carve(hull.cube_, &hull);
-    cells.side *= 2;
-  } while (hull.count_ > kMaxCells);
-  return hull;
+    Carver carver(silhouettes, bounds, nearest, resolution);
+    hull.root_ = carver.carve(hull.cube_, &hull);
+    if (!carver.has_too_many(hull)) return hull;
+  }
 }
 
 bool VisualHull::contains(const cv::Vec3d& p) const {

@@ -34,8 +34,7 @@ struct HullCell {
   double side = 0;  // scene units
 };
 
-// Resolution of a hull.
-struct HullCells {
+struct HullResolution {
   double side = 0;   // of the smallest cells, scene units
   double depth = 0;  // distance from the nearest view from which on cells grow with the distance
 };
@@ -47,9 +46,9 @@ struct HullCells {
 class VisualHull {
  public:
   // Carves `bounds`, without anything nearer than `nearest` to a view. Cells are larger than
-  // requested if there would be more than two million.
+  // requested if there would be more than two million, or more than 30 million to examine.
   static VisualHull carve(const std::vector<Silhouette>& silhouettes, const Box& bounds,
-                          double nearest, HullCells cells);
+                          double nearest, HullResolution resolution);
 
   bool empty() const { return count_ == 0; }
   std::size_t count() const { return count_; }  // number of cells

@@ -10,8 +10,9 @@
 namespace stgs::encoder::init {
 
 // Returns the median distance of the matches of `view` from their epipolar lines, in pixels, after
-// its rotation, its position and its focal length are fitted to them (Gauss-Newton, Cauchy loss).
-// `own`: the pairs of that view; at least one match. The others are taken to be right.
+// its rotation, its position and its focal length are fitted to them (Levenberg-Marquardt, Cauchy
+// loss). `own`: the pairs of that view with other views, which stay as they are; at least one
+// match.
 double fitted_error(const std::vector<View>& views, const std::vector<PairMatches>& own, int view);
 
 }  // namespace stgs::encoder::init

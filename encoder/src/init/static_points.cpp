@@ -6,6 +6,7 @@
 #include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "init/carved_depth.h"
 #include "init/far_content.h"
 #include "init/stereo_depth.h"
 
@@ -16,11 +17,10 @@ constexpr int kCoarseMaxSide = 128;  // longer side of the coarse sweep, pixels
 constexpr int kCoarsePlanes = 64;
 constexpr double kAgreeSteps = 1.5;  // largest disagreement of two views, in planes
 constexpr float kMaxCost = 0.6f;
+// Depth of the farthest content relative to that of the focus. Beyond it, content moves between
+// cameras 30 degrees apart by less than a hundredth of the width of their images.
+constexpr double kFarDepths = 40;
 constexpr int kDepthMaxSide = 320;  // longer side of the images of depth maps, pixels
-// Weights from here on are of depth that stereo confirms, or far; those of swept depth are smaller.
-constexpr float kStereoWeight = 2.0f;
-// A point in front of confirmed depth, by this share of it, is wrong.
-constexpr double kInFront = 0.04;
 
 // Returns the median distance of a view to its nearest neighbour.
 double median_baseline(const std::vector<View>& views) {
@@ -47,7 +47,7 @@ DepthRange widest_range(const std::vector<View>& views, const Focus& focus) {
   range.farthest = view.fx * baseline / 0.5;
   if (focus.depth > 0) {
     range.nearest = std::min(range.nearest, 0.25 * focus.depth);
-    range.farthest = std::min(std::max(range.farthest, 3 * focus.depth), 40 * focus.depth);
+    range.farthest = std::min(std::max(range.farthest, 3 * focus.depth), kFarDepths * focus.depth);
   }
   if (baseline <= 0) range.nearest = 1, range.farthest = 10;
   return range;
@@ -220,11 +220,7 @@ void prefer_stereo(const StereoDepth& stereo, const cv::Mat& usable, Surface* su
 void drop_contradicted(const std::vector<Surface>& surfaces, std::size_t first,
                        std::vector<SurfacePoint>* points) {
   const auto contradicted = [&surfaces](const SurfacePoint& point) {
-    return std::any_of(surfaces.begin(), surfaces.end(), [&point](const Surface& surface) {
-      const Pixel p = project(surface.view, point.position);
-      return p.inside && surface.weight.at<float>(p.y(), p.x()) >= kStereoWeight &&
-             p.depth < (1 - kInFront) * surface.depth.at<float>(p.y(), p.x());
-    });
+    return is_contradicted(surfaces, point.position);
   };
   points->erase(
       std::remove_if(points->begin() + std::ptrdiff_t(first), points->end(), contradicted),
@@ -316,12 +312,15 @@ Status refine_static_depth(const std::vector<StaticImage>& inputs, Work& work, S
     Surface& surface = scene->surfaces[i];
     prefer_stereo(stereo[i], scene->usable[i], &surface);
   }
-  STGS_ASSIGN(scene->far, place_far_content(scene->usable, scene->focus.point, kStereoWeight, work,
-                                            &scene->surfaces));
+  work.stage("far background", 2);
+  const double far_distance = kFarDepths * scene->focus.depth;
+  STGS_ASSIGN(const bool is_far, place_far_content(scene->usable, scene->focus.point, far_distance,
+                                                   kStereoWeight, work, &scene->surfaces));
+  if (is_far) scene->far = far_distance;
   for (Surface& surface : scene->surfaces) {
     surface.depth = fill_depth(surface.depth, surface.weight, 0.7 * scene->range.farthest);
   }
-  return {};
+  return carve_depth(scene->range.nearest, scene->range.farthest, work, &scene->surfaces);
 }
 
 void choose_static_points(const std::vector<SurfacePoint>& sparse, int limit, StaticScene* scene) {

@@ -26,7 +26,7 @@ struct StaticImage {
 
 struct StaticScene {
   DepthRange range;
-  double far = 0;  // distance of sky and far background, scene units; 0: none
+  double far = 0;  // distance of sky and far background from the views, scene units; 0: none
   Focus focus;
   std::vector<Surface> surfaces;  // per view; depth is dense, weight is above 0 where confirmed
   std::vector<cv::Mat> usable;    // per view, 8-bit: 255 where the background is valid
@@ -43,7 +43,8 @@ Status find_depth_range(const std::vector<std::vector<StaticImage>>& inputs, Wor
 Status find_static_depth(const std::vector<StaticImage>& inputs, Work& work, StaticScene* scene);
 
 // Improves that depth, and adds normals, by stereo for a sparse rig (rig.h), whose sweeps find
-// little. Stage "stereo".
+// little; places sky and far background; and moves interpolated depth that other views contradict.
+// Stages "stereo" and "far background".
 Status refine_static_depth(const std::vector<StaticImage>& inputs, Work& work, StaticScene* scene);
 
 // Selects at most `limit` points: from `sparse` first, then confirmed depth, then interpolated

@@ -67,7 +67,7 @@ Result<std::vector<StereoDepth>> match_static(const std::vector<StaticImage>& in
     views.push_back(make_view(*input.view.camera, std::clamp(half, kMinSide, kMaxSide)));
   }
   if (views.size() < kMinViews || !(sparsity_of(views, focus) > 0)) return depths;
-  work.stage("stereo", geometry::kStereoLoops + 1);
+  work.stage("stereo", geometry::kStereoLoops);
   std::vector<geometry::StereoView> images;
   for (std::size_t i = 0; i < views.size(); ++i) {
     images.push_back(stereo_view(views[i], inputs[i].rgb));

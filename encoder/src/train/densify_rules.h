@@ -71,7 +71,7 @@ STGS_FN float max_scale(math::Vec3 log_scale) {
 STGS_FN bool survives(const DensifyRules& rules, float opacity_logit, math::Vec3 log_scale,
                       math::Vec3 position) {
   return !(math::opacity_of(opacity_logit) < rules.prune_opacity) &&
-         max_scale(log_scale) < rules.too_large * size_unit(rules.vicinity, position);
+         max_scale(log_scale) < rules.too_large * size_factor(rules.vicinity, position);
 }
 
 // Returns the cap of an opacity reset: above the pruning threshold by the same factor as in 3DGS.

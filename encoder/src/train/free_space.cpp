@@ -120,7 +120,10 @@ float near_depth(const math::PinholeCamera& camera, const std::vector<InitialPoi
 Result<FreeSpace> find_free_space(const PreparedCapture& capture) {
   FreeSpace space;
   if (!(rig_sparsity(capture) > 0)) return space;
-  STGS_ASSIGN(const InitialPoints points, read_initial_points(capture));
+  STGS_ASSIGN(InitialPoints points, read_initial_points(capture));
+  std::erase_if(points.statics, [vicinity = vicinity_of(capture)](const InitialPoint& point) {
+    return size_factor(vicinity, {point.position[0], point.position[1], point.position[2]}) > 1;
+  });
   for (const Camera& camera : views_of(capture)) {
     const math::PinholeCamera pinhole = camera.pinhole(0.0f);
     const float background = near_depth(pinhole, points.statics, kStaticQuantile, kMinPoints);

@@ -24,7 +24,8 @@ constexpr double kInitialFraction = 0.6;  // of max_primitives; densification ad
 constexpr double kDynamicFraction =
     0.5;  // of the initial primitives, at most, if both kinds are plentiful
 constexpr int kNeighbours = 3;
-constexpr float kFlatness = 0.2f;  // thickness of an initial disc relative to its radius
+constexpr float kFlatness = 0.2f;   // thickness of an initial disc relative to its radius
+constexpr double kFarShare = 0.01;  // of the initial primitives: there is a far background
 // For everything that all windows of a capture share, independent of their seeds.
 constexpr std::uint64_t kSharedSeed = 0;
 
@@ -187,7 +188,7 @@ Result<TrainState> initial_points_state(const PreparedCapture& capture,
     const double factor =
         points[i].frame >= 0 ? parameters.initial_scale_dynamic : parameters.initial_scale;
     const float* p = points[i].position;
-    const float largest = 0.1f * radius * size_unit(vicinity, {p[0], p[1], p[2]});
+    const float largest = 0.1f * radius * size_factor(vicinity, {p[0], p[1], p[2]});
     const float scale =
         std::clamp(static_cast<float>(factor) * distances[i], 1e-4f * radius, largest);
     set_primitive(points[i], scale, capture, parameters, ablation, i, state);
@@ -207,14 +208,18 @@ Result<TrainState> initial_points_state(const PreparedCapture& capture,
   return state;
 }
 
-// Removes the primitives of sky and far background.
-void remove_far(const Vicinity& vicinity, TrainState& state) {
+// Removes the primitives of sky and far background. Returns whether there are more than a few.
+bool remove_far(const Vicinity& vicinity, TrainState& state) {
   std::vector<std::uint32_t> near;
   for (std::size_t i = 0; i < state.size(); ++i) {
     const float* p = &state.set.position[3 * i];
-    if (!(size_unit(vicinity, {p[0], p[1], p[2]}) > 1.0f)) near.push_back(std::uint32_t(i));
+    if (!(size_factor(vicinity, {p[0], p[1], p[2]}) > 1.0f))
+      near.push_back(static_cast<std::uint32_t>(i));
   }
+  const double share = 1.0 - static_cast<double>(near.size()) / static_cast<double>(state.size());
+  if (share < kFarShare) return false;
   state.retain(near);
+  return true;
 }
 
 }  // namespace
@@ -227,8 +232,9 @@ Result<TrainState> initial_state(const PreparedCapture& capture, const HyperPara
     const PreparedCapture complete = full_capture(capture);
     STGS_ASSIGN(TrainState initial,
                 initial_points_state(complete, parameters, ablation, kSharedSeed));
-    remove_far(vicinity_of(complete), initial);  // which is to be seen where nothing else is
-    STGS_ASSIGN(state.background, scene_background(complete, initial.set, parameters.kernel));
+    const bool is_far = remove_far(vicinity_of(complete), initial);
+    STGS_ASSIGN(state.background,
+                scene_background(complete, initial.set, parameters.kernel, is_far));
   }
   return state;
 }

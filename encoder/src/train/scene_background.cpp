@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "train/scene_background.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
@@ -22,10 +23,17 @@ float median(const Histogram& histogram) {
   return 0.0f;
 }
 
+bool is_border(std::size_t pixel, const Camera& camera) {
+  const auto width = static_cast<std::size_t>(camera.width);
+  const int x = static_cast<int>(pixel % width), y = static_cast<int>(pixel / width);
+  const int band = std::max(1, std::min(camera.width, camera.height) / 16);
+  return std::min({x, y, camera.width - 1 - x, camera.height - 1 - y}) < band;
+}
+
 }  // namespace
 
 Result<math::Vec3> scene_background(const PreparedCapture& capture, const Gaussians4D& initial,
-                                    int kernel) {
+                                    int kernel, bool border_only) {
   std::array<Histogram, 3> histograms{};
   SplatFrame frame;
   RasterOutput output;
@@ -38,6 +46,7 @@ Result<math::Vec3> scene_background(const PreparedCapture& capture, const Gaussi
     render(initial, static_cast<float>(middle), camera.pinhole(capture.near_plane), settings, frame,
            output);
     for (std::size_t p = 0; p < output.transmittance.data.size(); ++p) {
+      if (border_only && !is_border(p, camera)) continue;
       const auto weight =
           static_cast<std::uint64_t>(std::lround(255.0f * output.transmittance.data[p]));
       for (std::size_t c = 0; c < 3; ++c) histograms[c][image.data[3 * p + c]] += weight;

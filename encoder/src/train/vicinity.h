@@ -16,7 +16,7 @@ struct Vicinity {
 };
 
 // Returns the factor on size limits at a position: 1 within the vicinity, larger beyond it.
-STGS_FN float size_unit(const Vicinity& vicinity, math::Vec3 position) {
+STGS_FN float size_factor(const Vicinity& vicinity, math::Vec3 position) {
   const float x = position.x - vicinity.centre.x, y = position.y - vicinity.centre.y,
               z = position.z - vicinity.centre.z;
   return math::larger(1.0f, std::sqrt(x * x + y * y + z * z) / vicinity.radius);

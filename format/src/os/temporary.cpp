@@ -207,8 +207,8 @@ Status TemporaryFile::commit() {
 }
 
 void TemporaryFile::remove() noexcept {
-  abandon();
   const ListLock lock(list_mutex());
+  abandon();
   unlist(lock);
   if (descriptor_ >= 0) ::close(std::exchange(descriptor_, -1));
 }
@@ -302,8 +302,8 @@ Status OutputLock::take(const std::string& path) {
 
 OutputLock::~OutputLock() {
   if (lock_ < 0) return;
+  const ListLock lock(list_mutex());  // its name is not random: another process may take it next
   abandon();
-  const ListLock lock(list_mutex());
   unlist(lock);
   ::close(lock_);
 }
