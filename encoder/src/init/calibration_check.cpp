@@ -23,7 +23,7 @@ constexpr int kMinKnown = 8;        // matches of known depth
 // so small an error, and a given error that is large or matches behind the cameras.
 constexpr double kExplainedShare = 0.7, kExplainedError = 1, kLargeError = 5;
 // A camera with a smaller error and no known mistake is an outlier only if another pose and focal
-// length reduce the error to this share. If none does, its matches connect objects that look alike.
+// length reduce the error to this share. If none does, its matches connect similar objects.
 constexpr double kFittedShare = 0.4;
 constexpr std::size_t kMinPairsOfFit = 2;  // another pose explains the matches of any single pair
 constexpr std::size_t kMinPairsOfAll = 6, kMinPairsOfOne = 3;
