@@ -11,23 +11,23 @@ namespace {
 constexpr int kWindow = 7;                // of a match, pixels
 constexpr float kMinVariance = 12;        // of texture, grey levels^2
 constexpr float kMinCorrelation = 0.85f;  // of a match
-// Textures match by chance, but not most of them in a window of kCoherence pixels.
+// Near textures match by chance, but in a window of this side most of them do not.
 constexpr int kCoherence = 25;
 constexpr double kMatchRatio = 1.5;
 constexpr float kSameColour = 10;  // largest difference, grey levels
 constexpr int kEdge = 20;          // range of the colours in 3 x 3 pixels, grey levels
 constexpr int kMinSeeds = 49;      // pixels of an area
-// Shares of an area without edges that match; that adjoin it and are far; or that have colours of
-// far content.
-constexpr double kMatchShare = 0.03, kFarShare = 0.02, kAlikeShare = 0.8;
+// Least share of an area without edges: of pixels that match; of far pixels, for all of it to be
+// far; of pixels with colours of far content, likewise.
+constexpr double kMatchShare = 0.03, kFarShare = 0.02, kFarColourShare = 0.8;
 constexpr int kMinColour = 8;    // far pixels of a colour
 constexpr int kColourRatio = 4;  // of the numbers of far and near pixels of a colour
 
-// How the directions of the pixels of one view look in another.
+// Compares each pixel of a view with the pixel of another view in the same direction.
 struct Comparison {
   cv::Mat correlation;  // CV_32F, -1..1; 0 without texture
   cv::Mat difference;   // CV_32F, of the colours, grey levels
-  cv::Mat seen;         // 8-bit, 255 where the other view has no confirmed surface in front
+  cv::Mat visible;      // 8-bit, 255 where the other view has no confirmed surface in front
 };
 
 // Maps pixel indices of `view` to those of `other`, for content at infinity.
@@ -76,17 +76,17 @@ Comparison compare(const Surface& surface, const Surface& other, const cv::Mat& 
   cv::absdiff(a, b, difference);
   cv::transform(difference, difference, cv::Matx13f(1 / 3.0f, 1 / 3.0f, 1 / 3.0f));
   difference.convertTo(difference, CV_32F);
-  // Behind the other view the map mirrors directions.
-  cv::Mat seen = warp(open, cv::INTER_NEAREST);
+  // The map also has positions for directions behind the other view.
+  cv::Mat visible = warp(open, cv::INTER_NEAREST);
   const cv::Vec3d axis = surface.view.rotation * other.view.forward();
   for (int y = 0; y < size.height; ++y) {
     for (int x = 0; x < size.width; ++x) {
       const cv::Vec3d ray((x + 0.5 - surface.view.cx) / surface.view.fx,
                           (y + 0.5 - surface.view.cy) / surface.view.fy, 1);
-      if (ray.dot(axis) <= 0) seen.at<std::uint8_t>(y, x) = 0;
+      if (ray.dot(axis) <= 0) visible.at<std::uint8_t>(y, x) = 0;
     }
   }
-  return {correlation_of(grey, grey_there), difference, seen};
+  return {correlation_of(grey, grey_there), difference, visible};
 }
 
 // Returns 255 where the image has no edge.
@@ -117,7 +117,7 @@ cv::Mat areas_with_seeds(const cv::Mat& areas, const cv::Mat& seeds, double shar
   return out;
 }
 
-// Returns 255 where the view is far, as others see it.
+// Returns 255 where a view shows far content, by comparison with others.
 cv::Mat far_of(const std::vector<Surface>& surfaces, const std::vector<cv::Mat>& usable, int i,
                const std::vector<int>& others) {
   const Surface& surface = surfaces[i];
@@ -126,8 +126,8 @@ cv::Mat far_of(const std::vector<Surface>& surfaces, const std::vector<cv::Mat>&
   cv::Mat votes(surface.view.size(), CV_16S, cv::Scalar(0)), voted = agrees.clone();
   for (const int j : others) {
     const Comparison found = compare(surface, surfaces[j], usable[j]);
-    const cv::Mat same = open & found.seen & (found.difference < kSameColour);
-    const cv::Mat textured = open & found.seen & (found.correlation != 0);
+    const cv::Mat same = open & found.visible & (found.difference < kSameColour);
+    const cv::Mat textured = open & found.visible & (found.correlation != 0);
     const cv::Mat matches = same & (found.correlation > kMinCorrelation);
     cv::add(votes, 1, votes, matches);
     cv::subtract(votes, 1, votes, textured & ~matches);
@@ -190,7 +190,7 @@ Result<std::vector<cv::Mat>> find_far(const std::vector<Surface>& surfaces,
   for (std::size_t i = 0; i < far.size(); ++i) colours.add(surfaces[i], far[i]);
   for (std::size_t i = 0; i < far.size(); ++i) {
     const cv::Mat even = usable[i] & (surfaces[i].weight <= 0) & without_edges(surfaces[i].rgb);
-    far[i] |= areas_with_seeds(even, even & colours.far_pixels(surfaces[i]), kAlikeShare);
+    far[i] |= areas_with_seeds(even, even & colours.far_pixels(surfaces[i]), kFarColourShare);
   }
   return far;
 }
