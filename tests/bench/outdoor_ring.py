@@ -226,7 +226,10 @@ def main():
     if len(sys.argv) != 2:
         sys.exit(__doc__)
     folder = sys.argv[1]
-    os.makedirs(folder)
+    try:
+        os.makedirs(folder)
+    except OSError as error:
+        sys.exit(f"{folder}: cannot create the folder: {error.strerror}; name a new folder")
     cameras = [film(folder, camera) for camera in range(CAMERAS)]
     with open(os.path.join(folder, "cameras.json"), "w", encoding="utf-8") as file:
         json.dump({"metric": True, "pixel_centre": 0.5, "fps": 30, "cameras": cameras}, file)

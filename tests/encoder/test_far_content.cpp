@@ -152,7 +152,7 @@ TEST_CASE("confirmed and unusable pixels stay as they are") {
   CHECK(cv::countNonZero(rig.surfaces[7].weight == 3) > 0);
 }
 
-TEST_CASE("walls are not far, with or without texture, and nor is anything without another view") {
+TEST_CASE("walls are not far, with or without texture, nor is content of a single view") {
   const double strength = GENERATE(0.0, 20.0, 90.0);
   Rig rig = render_rig(room(strength), GENERATE(0, 30));
   CHECK_FALSE(place(rig));

@@ -122,7 +122,7 @@ Result<FreeSpace> find_free_space(const PreparedCapture& capture) {
   if (!(rig_sparsity(capture) > 0)) return space;
   STGS_ASSIGN(InitialPoints points, read_initial_points(capture));
   std::erase_if(points.statics, [vicinity = vicinity_of(capture)](const InitialPoint& point) {
-    return size_factor(vicinity, {point.position[0], point.position[1], point.position[2]}) > 1;
+    return is_far(vicinity, point.position);
   });
   for (const Camera& camera : views_of(capture)) {
     const math::PinholeCamera pinhole = camera.pinhole(0.0f);

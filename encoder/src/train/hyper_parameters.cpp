@@ -112,7 +112,7 @@ struct HyperParameterTable {
         visit, prune_opacity, kMin, kMax,
         "Fainter primitives are removed; at most 0.005 above 200,000 primitives, unless it is set");
     STGS_VISIT(visit, prune_scale, kMin, kMax,
-               "Larger primitives are removed; times the extent, more in the distance");
+               "Larger primitives are removed; times the extent, and more in the far background");
     STGS_VISIT(visit, score_error, kMin, kMax,
                "Weight lambda_e of the error, scaled to [0, 1], in the densification score");
     STGS_VISIT(visit, score_opacity, kMin, kMax,

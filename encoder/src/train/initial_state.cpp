@@ -212,8 +212,7 @@ Result<TrainState> initial_points_state(const PreparedCapture& capture,
 bool remove_far(const Vicinity& vicinity, TrainState& state) {
   std::vector<std::uint32_t> near;
   for (std::size_t i = 0; i < state.size(); ++i) {
-    const float* p = &state.set.position[3 * i];
-    if (!(size_factor(vicinity, {p[0], p[1], p[2]}) > 1.0f))
+    if (!is_far(vicinity, &state.set.position[3 * i]))
       near.push_back(static_cast<std::uint32_t>(i));
   }
   const double share = 1.0 - static_cast<double>(near.size()) / static_cast<double>(state.size());
@@ -232,9 +231,9 @@ Result<TrainState> initial_state(const PreparedCapture& capture, const HyperPara
     const PreparedCapture complete = full_capture(capture);
     STGS_ASSIGN(TrainState initial,
                 initial_points_state(complete, parameters, ablation, kSharedSeed));
-    const bool is_far = remove_far(vicinity_of(complete), initial);
+    const bool has_far = remove_far(vicinity_of(complete), initial);
     STGS_ASSIGN(state.background,
-                scene_background(complete, initial.set, parameters.kernel, is_far));
+                scene_background(complete, initial.set, parameters.kernel, has_far));
   }
   return state;
 }

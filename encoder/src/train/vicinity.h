@@ -22,4 +22,8 @@ STGS_FN float size_factor(const Vicinity& vicinity, math::Vec3 position) {
   return math::larger(1.0f, std::sqrt(x * x + y * y + z * z) / vicinity.radius);
 }
 
+inline bool is_far(const Vicinity& vicinity, const float position[3]) {
+  return size_factor(vicinity, {position[0], position[1], position[2]}) > 1.0f;
+}
+
 }  // namespace stgs::encoder
