@@ -13,8 +13,8 @@
 #include <string>
 
 #include "backend/cuda/cuda_backend.h"
+#include "network_fixture.h"
 #include "train_scene.h"
-#include "vgg_fixture.h"
 
 using namespace stgs;
 using namespace stgs::encoder;
@@ -113,7 +113,7 @@ Status measure(const Case& c, const Settings& settings) {
   STGS_TRY(backend.create());
   TrainPlan plan{state.size(), state.set.sh_coefficients(), c.width, c.height};
   if (settings.patch >= 0) {
-    plan.perceptual = std::make_shared<Vgg16>(random_vgg16(1, true));
+    plan.perceptual = random_network("vgg", 1, true);
     plan.perceptual_patch = settings.patch;
   }
   STGS_TRY(backend.reserve(plan));

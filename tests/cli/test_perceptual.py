@@ -76,6 +76,7 @@ class Perceptual(CliTest):
                 self.assertNotEqual(trained, scene)
                 report = self.json_of(*args, "--threads", "1")
                 self.assertEqual(report["perceptual"], {"weights": "w.safetensors",
+                                                        "network": "vgg",
                                                         "linear": linear, "weight": 0.01,
                                                         "patch": 16})
                 self.assertEqual(self.read("out.stgs"), trained, "threads changed the scene")

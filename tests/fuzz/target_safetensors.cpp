@@ -6,8 +6,8 @@
 #include <string_view>
 
 #include "fuzz_target.h"
+#include "perceptual/feature_network.h"
 #include "perceptual/safetensors.h"
-#include "perceptual/vgg16.h"
 
 using namespace stgs;
 using namespace stgs::fuzz;
@@ -94,6 +94,6 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       for (const float v : *values) require(std::isfinite(v), "weights are finite");
     }
   }
-  check(read_vgg16(memory_source(input, "input")).status());
+  check(read_feature_network(memory_source(input, "input"), ChannelWeights::kOptional).status());
   return 0;
 }

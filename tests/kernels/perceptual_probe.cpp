@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The perceptual loss of two images and its gradient, for compare_vgg16.py.
+// The perceptual loss of two images and its gradient, for compare_networks.py.
 // Usage: perceptual_probe WEIGHTS WIDTH HEIGHT RENDERED GROUND_TRUTH GRADIENT [cpu|cuda|cuda-float]
 // RENDERED: 3 planes of 32-bit floats; GROUND_TRUTH: RGB, 8 bits; GRADIENT, written: as RENDERED.
 // Runs on the CPU, or on CUDA with tensor cores (cuda) or floats (cuda-float). Prints the loss.
@@ -29,9 +29,9 @@ Status read(const char* path, std::vector<T>& values) {
 }
 
 #if STGS_HAS_CUDA
-Result<double> evaluate_on_cuda(std::shared_ptr<const Vgg16> vgg, const Image& rendered,
-                                const Image8& ground_truth, cuda::VggPrecision precision,
-                                Image& gradient) {
+Result<double> evaluate_on_cuda(std::shared_ptr<const FeatureNetwork> weights,
+                                const Image& rendered, const Image8& ground_truth,
+                                cuda::ConvolutionPrecision precision, Image& gradient) {
   const std::size_t pixels = rendered.data.size() / 3;
   cuda::PinnedArray<float4> image, d_image;
   cuda::PinnedArray<std::uint8_t> gpu_ground_truth;
@@ -47,7 +47,7 @@ Result<double> evaluate_on_cuda(std::shared_ptr<const Vgg16> vgg, const Image& r
   }
   std::copy(ground_truth.data.begin(), ground_truth.data.end(), gpu_ground_truth.data());
   std::copy(kIdentityColour.begin(), kIdentityColour.end(), map.data());
-  STGS_ASSIGN(const auto network, cuda::make_perceptual_network(std::move(vgg), precision));
+  STGS_ASSIGN(const auto network, cuda::make_perceptual_network(std::move(weights), precision));
   STGS_TRY(network->reserve(rendered.width, rendered.height));
   cuda::Stream stream;
   STGS_TRY(stream.create());
@@ -78,11 +78,12 @@ Result<double> evaluate_on_cuda(std::shared_ptr<const Vgg16> vgg, const Image& r
 Status run(int argc, char** argv) {
   if (argc < 7) return usage_error("needs six arguments");
   const int width = std::atoi(argv[2]), height = std::atoi(argv[3]);
-  if (width < kVggMinSize || height < kVggMinSize)
-    return usage_error("the image is smaller than {} pixels per side", kVggMinSize);
   const std::string backend = argc > 7 ? argv[7] : "cpu";
   STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_file(argv[1]));
-  STGS_ASSIGN(const std::shared_ptr<const Vgg16> vgg, read_vgg16(std::move(source)));
+  STGS_ASSIGN(const std::shared_ptr<const FeatureNetwork> weights,
+              read_feature_network(std::move(source), ChannelWeights::kOptional));
+  if (!weights->accepts(width, height))
+    return usage_error("the image is smaller than {} pixels per side", weights->min_side());
   Image rendered, gradient;
   rendered.reshape(width, height, 3);
   gradient.reshape(width, height, 3);
@@ -92,14 +93,15 @@ Status run(int argc, char** argv) {
   STGS_TRY(read(argv[5], ground_truth.data));
   double value = 0;
   if (backend == "cpu") {
-    value = PerceptualLoss(*vgg).evaluate(rendered, ground_truth, {0, 0, width, height}, 1.0f,
-                                          gradient);
+    value = PerceptualLoss(weights).evaluate(rendered, ground_truth, {0, 0, width, height}, 1.0f,
+                                             gradient);
   } else {
 #if STGS_HAS_CUDA
-    STGS_ASSIGN(value, evaluate_on_cuda(vgg, rendered, ground_truth,
-                                        backend == "cuda-float" ? cuda::VggPrecision::kFloat
-                                                                : cuda::VggPrecision::kTensorCores,
-                                        gradient));
+    STGS_ASSIGN(value,
+                evaluate_on_cuda(weights, rendered, ground_truth,
+                                 backend == "cuda-float" ? cuda::ConvolutionPrecision::kFloat
+                                                         : cuda::ConvolutionPrecision::kTensorCores,
+                                 gradient));
 #else
     return not_built("this build has no CUDA");
 #endif

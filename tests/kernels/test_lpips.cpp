@@ -2,136 +2,28 @@
 // LPIPS with networks of random weights against its definition in double precision.
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <random>
 #include <vector>
 
 #include "catch.h"
 #include "fixtures/loop_threads.h"
+#include "network_fixture.h"
+#include "network_reference.h"
 #include "perceptual/lpips_networks.h"
 #include "stgs/encoder/lpips.h"
 #include "stgs/format/byte_source.h"
 #include "vector_targets.h"
-#include "vgg_fixture.h"
 
 using namespace stgs;
 using namespace stgs::encoder;
+using testing::Features;
+using testing::random_tensors;
+using testing::Tensors;
 
 namespace {
 
-using Kind = LpipsLayer::Kind;
-using Tensors = std::map<std::string, std::pair<std::string, std::vector<float>>>;  // with shapes
-
-// The tensors of a network, whose weights preserve the magnitude of activations.
-Tensors random_tensors(const LpipsNetwork& network, unsigned seed) {
-  std::mt19937 random(seed);
-  std::uniform_real_distribution<float> uniform(-1.0f, 1.0f);
-  Tensors out;
-  const auto add = [&](const std::string& name, int in, int channels, int size) {
-    const float scale = std::sqrt(6.0f / static_cast<float>(size * size * in));
-    std::vector<float> weight(std::size_t{1} * channels * in * size * size);
-    std::vector<float> bias(static_cast<std::size_t>(channels));
-    for (float& w : weight) w = scale * uniform(random);
-    for (float& b : bias) b = 0.05f * uniform(random);
-    out[name + ".weight"] = {fmt::format("[{},{},{},{}]", channels, in, size, size), weight};
-    out[name + ".bias"] = {fmt::format("[{}]", channels), bias};
-  };
-  int tap = 0;
-  for (const LpipsLayer& layer : network.layers) {
-    const std::string name = fmt::format("features.{}", layer.feature);
-    if (layer.kind == Kind::kConvolution) add(name, layer.in, layer.out, layer.window.size);
-    if (layer.kind == Kind::kFire) {
-      add(name + ".squeeze", layer.in, layer.squeezed, 1);
-      add(name + ".expand1x1", layer.squeezed, layer.out / 2, 1);
-      add(name + ".expand3x3", layer.squeezed, layer.out / 2, 3);
-    }
-    if (!layer.tap) continue;
-    std::vector<float> weights(static_cast<std::size_t>(layer.out));
-    for (float& w : weights) w = std::abs(uniform(random));
-    out[fmt::format("lin{}.model.1.weight", tap++)] = {fmt::format("[1,{},1,1]", layer.out),
-                                                       weights};
-  }
-  return out;
-}
-
 Result<std::shared_ptr<const Lpips>> read(const Tensors& tensors) {
-  testing::SafetensorsWriter writer;
-  for (const auto& [name, tensor] : tensors) writer.add(name, tensor.first, tensor.second);
-  return Lpips::read(memory_source(writer.take(), "weights"));
-}
-
-// Planar features.
-struct Features {
-  int width = 0, height = 0, channels = 0;
-  std::vector<double> data;
-  Features(int w, int h, int c)
-      : width(w), height(h), channels(c), data(std::size_t{1} * w * h * c) {}
-  double& at(int c, int y, int x) { return data[(std::size_t{1} * c * height + y) * width + x]; }
-  double at(int c, int y, int x) const {
-    return data[(std::size_t{1} * c * height + y) * width + x];
-  }
-};
-
-Features convolve(const Features& in, const Tensors& tensors, const std::string& name,
-                  const Window& window) {
-  const std::vector<float>&weight = tensors.at(name + ".weight").second,
-        &bias = tensors.at(name + ".bias").second;
-  const int n = window.size;
-  const auto count = [&](int pixels) {
-    return (pixels + 2 * window.padding - n) / window.stride + 1;
-  };
-  Features out(count(in.width), count(in.height), static_cast<int>(bias.size()));
-  for (int o = 0; o < out.channels; ++o) {
-    for (int y = 0; y < out.height; ++y) {
-      for (int x = 0; x < out.width; ++x) {
-        double sum = bias[static_cast<std::size_t>(o)];
-        for (int c = 0; c < in.channels; ++c) {
-          for (int k = 0; k < n * n; ++k) {
-            const int u = x * window.stride - window.padding + k % n;
-            const int v = y * window.stride - window.padding + k / n;
-            if (u < 0 || v < 0 || u >= in.width || v >= in.height) continue;
-            sum += weight[(std::size_t{1} * o * in.channels + c) * n * n + k] * in.at(c, v, u);
-          }
-        }
-        out.at(o, y, x) = std::max(0.0, sum);
-      }
-    }
-  }
-  return out;
-}
-
-Features pool(const Features& in, const Window& window) {
-  const auto count = [&](int pixels) {
-    const double windows = static_cast<double>(pixels - window.size) / window.stride;
-    return static_cast<int>(window.ceil ? std::ceil(windows) : std::floor(windows)) + 1;
-  };
-  Features out(count(in.width), count(in.height), in.channels);
-  for (int c = 0; c < out.channels; ++c) {
-    for (int y = 0; y < out.height; ++y) {
-      for (int x = 0; x < out.width; ++x) {
-        const int u = x * window.stride, v = y * window.stride;
-        double most = in.at(c, v, u);
-        for (int k = 0; k < window.size * window.size; ++k) {
-          const int s = u + k % window.size, t = v + k / window.size;
-          if (s < in.width && t < in.height) most = std::max(most, in.at(c, t, s));
-        }
-        out.at(c, y, x) = most;
-      }
-    }
-  }
-  return out;
-}
-
-Features apply(const Features& in, const LpipsLayer& layer, const Tensors& tensors) {
-  const std::string name = fmt::format("features.{}", layer.feature);
-  if (layer.kind == Kind::kPooling) return pool(in, layer.window);
-  if (layer.kind == Kind::kConvolution) return convolve(in, tensors, name, layer.window);
-  const Features squeezed = convolve(in, tensors, name + ".squeeze", {1, 1, 0});
-  Features out = convolve(squeezed, tensors, name + ".expand1x1", {1, 1, 0});
-  const Features more = convolve(squeezed, tensors, name + ".expand3x3", {});
-  out.data.insert(out.data.end(), more.data.begin(), more.data.end());
-  out.channels += more.channels;
-  return out;
+  return Lpips::read(memory_source(testing::tensors_file(tensors), "weights"));
 }
 
 double tap_distance(const Features& a, const Features& b, const std::vector<float>& weights) {
@@ -169,8 +61,8 @@ double expected(const LpipsNetwork& network, const Tensors& tensors, const Image
   double out = 0;
   int tap = 0;
   for (const LpipsLayer& layer : network.layers) {
-    f = apply(f, layer, tensors);
-    g = apply(g, layer, tensors);
+    f = testing::apply(f, layer, tensors);
+    g = testing::apply(g, layer, tensors);
     if (layer.tap)
       out += tap_distance(f, g, tensors.at(fmt::format("lin{}.model.1.weight", tap++)).second);
   }

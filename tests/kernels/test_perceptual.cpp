@@ -6,12 +6,14 @@
 
 #include "catch.h"
 #include "fixtures/loop_threads.h"
+#include "network_reference.h"
 #include "perceptual/perceptual_loss.h"
 #include "vector_targets.h"
-#include "vgg_fixture.h"
 
 using namespace stgs;
 using namespace stgs::encoder;
+using testing::Features;
+using testing::Tensors;
 
 namespace {
 
@@ -33,76 +35,24 @@ Pair make_pair(int width, int height, unsigned seed) {
   return pair;
 }
 
-// The definition in double precision: planar features, each convolution a sum over its window.
-struct PlanarFeatures {
-  int width = 0, height = 0, channels = 0;
-  std::vector<double> data;
-  double& at(int c, int y, int x) { return data[(std::size_t{1} * c * height + y) * width + x]; }
-  double at(int c, int y, int x) const {
-    return data[(std::size_t{1} * c * height + y) * width + x];
-  }
-};
-
-PlanarFeatures make_features(int width, int height, int channels) {
-  return {width, height, channels, std::vector<double>(std::size_t{1} * width * height * channels)};
-}
-
-PlanarFeatures convolve(const PlanarFeatures& in, const VggConvolution& convolution,
-                        int out_channels) {
-  PlanarFeatures out = make_features(in.width, in.height, out_channels);
-  for (int o = 0; o < out_channels; ++o) {
-    for (int c = 0; c < in.channels; ++c) {
-      for (int tap = 0; tap < 9; ++tap) {
-        const int dy = tap / 3 - 1, dx = tap % 3 - 1;
-        const double w = convolution.weight[(std::size_t{1} * o * in.channels + c) * 9 + tap];
-        for (int y = std::max(0, -dy); y < std::min(in.height, in.height - dy); ++y) {
-          for (int x = std::max(0, -dx); x < std::min(in.width, in.width - dx); ++x)
-            out.at(o, y, x) += w * in.at(c, y + dy, x + dx);
-        }
-      }
-    }
-  }
-  for (int o = 0; o < out_channels; ++o) {
-    for (int y = 0; y < in.height; ++y) {
-      for (int x = 0; x < in.width; ++x)
-        out.at(o, y, x) = std::max(0.0, out.at(o, y, x) + convolution.bias[o]);
-    }
-  }
-  return out;
-}
-
-PlanarFeatures pool(const PlanarFeatures& in) {
-  PlanarFeatures out = make_features(in.width / 2, in.height / 2, in.channels);
-  for (int c = 0; c < out.channels; ++c) {
-    for (int y = 0; y < out.height; ++y) {
-      for (int x = 0; x < out.width; ++x) {
-        out.at(c, y, x) = std::max({in.at(c, 2 * y, 2 * x), in.at(c, 2 * y, 2 * x + 1),
-                                    in.at(c, 2 * y + 1, 2 * x), in.at(c, 2 * y + 1, 2 * x + 1)});
-      }
-    }
-  }
-  return out;
-}
-
 // Features of the taps, scaled to unit length at each pixel. `colours` are planar and in [0, 1].
-std::vector<PlanarFeatures> reference_features(const Vgg16& network,
-                                               const PlanarFeatures& colours) {
-  std::vector<PlanarFeatures> taps;
-  PlanarFeatures features = colours;
+std::vector<Features> reference_features(const LpipsNetwork& network, const Tensors& tensors,
+                                         const Features& colours) {
+  std::vector<Features> taps;
+  Features features = colours;
   for (int c = 0; c < 3; ++c) {
     for (int y = 0; y < colours.height; ++y) {
       for (int x = 0; x < colours.width; ++x)
-        features.at(c, y, x) = (colours.at(c, y, x) - kVggMean[c]) / kVggDeviation[c];
+        features.at(c, y, x) = (colours.at(c, y, x) - kInputMean[c]) / kInputDeviation[c];
     }
   }
-  for (std::size_t i = 0; i < kVggLayers.size(); ++i) {
-    if (kVggLayers[i].pool_before) features = pool(features);
-    features = convolve(features, network.convolutions[i], kVggLayers[i].out);
-    if (kVggLayers[i].tap < 0) continue;
-    PlanarFeatures scaled = features;
+  for (const LpipsLayer& layer : network.layers) {
+    features = testing::apply(features, layer, tensors);
+    if (!layer.tap) continue;
+    Features scaled = features;
     for (int y = 0; y < scaled.height; ++y) {
       for (int x = 0; x < scaled.width; ++x) {
-        double square = kVggEpsilon;
+        double square = kSquareEpsilon;
         for (int c = 0; c < scaled.channels; ++c) square += std::pow(features.at(c, y, x), 2);
         for (int c = 0; c < scaled.channels; ++c) scaled.at(c, y, x) /= std::sqrt(square);
       }
@@ -112,16 +62,18 @@ std::vector<PlanarFeatures> reference_features(const Vgg16& network,
   return taps;
 }
 
-double reference_loss(const Vgg16& network, const std::vector<PlanarFeatures>& a,
-                      const std::vector<PlanarFeatures>& b) {
+double reference_loss(const Tensors& tensors, const std::vector<Features>& a,
+                      const std::vector<Features>& b) {
   double loss = 0;
-  for (int tap = 0; tap < kVggTaps; ++tap) {
+  for (std::size_t tap = 0; tap < a.size(); ++tap) {
+    const auto weights = tensors.find(fmt::format("lin{}.model.1.weight", tap));
     double sum = 0;
     for (int c = 0; c < a[tap].channels; ++c) {
+      const double weight =
+          weights == tensors.end() ? 1.0 / a[tap].channels : double{weights->second.second[c]};
       for (int y = 0; y < a[tap].height; ++y) {
         for (int x = 0; x < a[tap].width; ++x)
-          sum += network.channel_weights[tap][c] *
-                 std::pow(a[tap].at(c, y, x) - b[tap].at(c, y, x), 2);
+          sum += weight * std::pow(a[tap].at(c, y, x) - b[tap].at(c, y, x), 2);
       }
     }
     loss += sum / (a[tap].width * a[tap].height);
@@ -129,14 +81,14 @@ double reference_loss(const Vgg16& network, const std::vector<PlanarFeatures>& a
   return loss;
 }
 
-PlanarFeatures to_features(const Image& image) {
-  PlanarFeatures out = make_features(image.width, image.height, 3);
+Features to_features(const Image& image) {
+  Features out(image.width, image.height, 3);
   std::copy(image.data.begin(), image.data.end(), out.data.begin());
   return out;
 }
 
-PlanarFeatures to_features(const Image8& image) {
-  PlanarFeatures out = make_features(image.width, image.height, 3);
+Features to_features(const Image8& image) {
+  Features out(image.width, image.height, 3);
   for (std::size_t i = 0; i < image.data.size(); ++i)
     out.data[i % 3 * (image.data.size() / 3) + i / 3] = image.data[i] / 255.0;
   return out;
@@ -151,40 +103,50 @@ Image zeros(int width, int height) {
 }  // namespace
 
 TEST_CASE("the perceptual loss and its gradient match the definition") {
-  for (const bool linear : {false, true}) {
-    const Vgg16 network = testing::random_vgg16(3, linear);
-    PerceptualLoss loss(network);
-    // Each pooling drops the last row or column of an odd size; 16 is the minimum.
-    for (const auto& [width, height] : {std::array{16, 16}, std::array{35, 18}}) {
-      INFO(width << " x " << height << (linear ? ", linear" : ""));
-      const Pair pair = make_pair(width, height, 5);
-      const std::vector<PlanarFeatures> ground_truth =
-          reference_features(network, to_features(pair.ground_truth));
-      PlanarFeatures rendered = to_features(pair.rendered);
-      const double expected =
-          reference_loss(network, reference_features(network, rendered), ground_truth);
-      const float weight = 0.25f;
-      Image gradient = zeros(width, height);
-      const double found =
-          loss.evaluate(pair.rendered, pair.ground_truth, pair.full(), weight, gradient);
-      CHECK(found == Approx(expected).epsilon(1e-5));
-      double largest = 0;
-      for (const float g : gradient.data) largest = std::max(largest, std::abs(double{g}));
-      CHECK(largest > 1e-5);
-      const std::size_t step = gradient.data.size() / 6 + 1;
-      for (std::size_t k = 7; k < rendered.data.size(); k += step) {
-        const double original = rendered.data[k], delta = 1e-5;
-        rendered.data[k] = original + delta;
-        const double above =
-            reference_loss(network, reference_features(network, rendered), ground_truth);
-        rendered.data[k] = original - delta;
-        const double below =
-            reference_loss(network, reference_features(network, rendered), ground_truth);
-        rendered.data[k] = original;
-        INFO("value " << k);
-        CHECK(gradient.data[k] ==
-              Approx(weight * (above - below) / (2 * delta)).margin(1e-3 * largest));
-      }
+  struct Case {
+    const char* network;
+    bool linear;
+    int width, height;
+  };
+  // Poolings drop or clip the last row or column of some sizes; the first sizes are the smallest.
+  const Case cases[] = {{"vgg", false, 16, 16},     {"vgg", true, 35, 18},
+                        {"squeeze", false, 25, 25}, {"squeeze", true, 38, 27},
+                        {"alex", false, 31, 31},    {"alex", true, 45, 40}};
+  for (const Case& c : cases) {
+    INFO(c.network << ", " << c.width << " x " << c.height << (c.linear ? ", linear" : ""));
+    const LpipsNetwork network = testing::network_layout(c.network);
+    const Tensors tensors = testing::random_tensors(network, 3, c.linear);
+    const auto weights = testing::network_of(tensors);
+    CHECK(weights->linear == c.linear);
+    if (c.width == c.height) CHECK(weights->min_side() == c.width);
+    PerceptualLoss loss(weights);
+    const Pair pair = make_pair(c.width, c.height, 5);
+    const std::vector<Features> ground_truth =
+        reference_features(network, tensors, to_features(pair.ground_truth));
+    Features rendered = to_features(pair.rendered);
+    const auto reference = [&] {
+      return reference_loss(tensors, reference_features(network, tensors, rendered), ground_truth);
+    };
+    const double expected = reference();
+    const float weight = 0.25f;
+    Image gradient = zeros(c.width, c.height);
+    const double found =
+        loss.evaluate(pair.rendered, pair.ground_truth, pair.full(), weight, gradient);
+    CHECK(found == Approx(expected).epsilon(1e-5));
+    double largest = 0;
+    for (const float g : gradient.data) largest = std::max(largest, std::abs(double{g}));
+    CHECK(largest > 1e-5);
+    const std::size_t step = gradient.data.size() / 6 + 1;
+    for (std::size_t k = 7; k < rendered.data.size(); k += step) {
+      const double original = rendered.data[k], delta = 1e-5;
+      rendered.data[k] = original + delta;
+      const double above = reference();
+      rendered.data[k] = original - delta;
+      const double below = reference();
+      rendered.data[k] = original;
+      INFO("value " << k);
+      CHECK(gradient.data[k] ==
+            Approx(weight * (above - below) / (2 * delta)).margin(1e-3 * largest));
     }
   }
 }
@@ -192,8 +154,7 @@ TEST_CASE("the perceptual loss and its gradient match the definition") {
 TEST_CASE(
     "every vector target gives the same perceptual loss, and the number of threads changes no bit "
     "of it") {
-  const Vgg16 network = testing::random_vgg16(4, true);
-  PerceptualLoss loss(network);
+  PerceptualLoss loss(testing::random_network("squeeze", 4, true));
   const Pair pair = make_pair(50, 37, 6);
   Image first = zeros(50, 37);
   const double value = loss.evaluate(pair.rendered, pair.ground_truth, pair.full(), 1.0f, first);
@@ -220,8 +181,7 @@ TEST_CASE(
 TEST_CASE(
     "the loss of a patch is that of the cropped images, and its gradient is added inside the patch "
     "only") {
-  const Vgg16 network = testing::random_vgg16(5, false);
-  PerceptualLoss loss(network);
+  PerceptualLoss loss(testing::random_network("vgg", 5, false));
   const Pair pair = make_pair(40, 30, 7);
   const Patch patch{9, 5, 20, 17};
   Pair crop = make_pair(patch.width, patch.height, 8);
@@ -254,13 +214,12 @@ TEST_CASE(
 }
 
 TEST_CASE("equal images have no perceptual loss and no gradient") {
-  const Vgg16 network = testing::random_vgg16(6, true);
-  PerceptualLoss loss(network);
-  Pair pair = make_pair(24, 20, 9);
+  PerceptualLoss loss(testing::random_network("alex", 6, true));
+  Pair pair = make_pair(34, 31, 9);
   for (std::size_t i = 0; i < pair.ground_truth.data.size(); ++i)
     pair.rendered.plane(static_cast<int>(i % 3))[i / 3] =
         static_cast<float>(pair.ground_truth.data[i]) * (1.0f / 255.0f);
-  Image gradient = zeros(24, 20);
+  Image gradient = zeros(34, 31);
   CHECK(loss.evaluate(pair.rendered, pair.ground_truth, pair.full(), 1.0f, gradient) == 0.0);
   CHECK(std::all_of(gradient.data.begin(), gradient.data.end(), [](float g) { return g == 0.0f; }));
 }

@@ -13,10 +13,10 @@
 #include "backend/cuda/memory.h"
 #include "catch.h"
 #include "catch_runner.h"
+#include "network_fixture.h"
 #include "perceptual/perceptual_loss.h"
 #include "train/colour_correction.h"
 #include "train_scene.h"
-#include "vgg_fixture.h"
 
 using namespace stgs;
 using namespace stgs::encoder;
@@ -57,7 +57,9 @@ ImagePair make_images(int width, int height, float noise) {
   return images;
 }
 
-LossResult evaluate_on_cpu(const Vgg16& network, const ImagePair& p, const Patch& patch) {
+using SharedNetwork = std::shared_ptr<const FeatureNetwork>;
+
+LossResult evaluate_on_cpu(const SharedNetwork& network, const ImagePair& p, const Patch& patch) {
   Image corrected, d_corrected;
   apply_colour(kMap, p.rendered, corrected);
   d_corrected.reshape(corrected.width, corrected.height, 3);
@@ -146,24 +148,23 @@ struct Case {
   Patch patch;
 };
 
-// Complete images of even and odd sizes and of the minimum size; patches at a corner and inside.
+// Complete images of even and odd sizes and of the minimum size of VGG16; patches at a corner and
+// inside.
 const Case kCases[] = {
     {96, 64, {0, 0, 96, 64}},    {101, 67, {0, 0, 101, 67}}, {16, 16, {0, 0, 16, 16}},
     {120, 90, {56, 42, 64, 48}}, {120, 90, {7, 3, 35, 18}},
 };
 
-std::shared_ptr<const Vgg16> shared_vgg16(unsigned seed, bool linear) {
-  return std::make_shared<Vgg16>(random_vgg16(seed, linear));
-}
-
-std::unique_ptr<cuda::PerceptualNetwork> network_of(
-    const std::shared_ptr<const Vgg16>& vgg,
-    cuda::VggPrecision precision = cuda::VggPrecision::kTensorCores) {
-  auto network = cuda::make_perceptual_network(vgg, precision);
+std::unique_ptr<cuda::PerceptualNetwork> on_gpu(
+    const SharedNetwork& weights,
+    cuda::ConvolutionPrecision precision = cuda::ConvolutionPrecision::kTensorCores) {
+  auto network = cuda::make_perceptual_network(weights, precision);
   check(network.status());
   const Result<std::size_t> bytes = (*network)->bytes(120, 90);
   check(bytes.status());
-  CHECK(*bytes > std::size_t{4} * 2 * 14710464);  // the weights, forward and backward
+  std::size_t values = 0;
+  for (const FeatureStage& stage : weights->stages) values += stage.weight.size();
+  CHECK(*bytes > 4 * values);
   check((*network)->reserve(120, 90));
   return std::move(*network);
 }
@@ -172,14 +173,17 @@ std::unique_ptr<cuda::PerceptualNetwork> network_of(
 
 TEST_CASE("the perceptual loss and its gradients on CUDA match the CPU") {
   std::vector<double> float_errors, tensor_core_errors;
-  for (const bool linear : {false, true}) {
-    const auto vgg = shared_vgg16(2, linear);
-    const auto float_network = network_of(vgg, cuda::VggPrecision::kFloat),
-               tensor_core_network = network_of(vgg);
+  for (const auto& [name_of_network, linear] :
+       {std::pair("vgg", false), std::pair("vgg", true), std::pair("squeeze", true),
+        std::pair("alex", true)}) {
+    const SharedNetwork weights = random_network(name_of_network, 2, linear);
+    const auto float_network = on_gpu(weights, cuda::ConvolutionPrecision::kFloat),
+               tensor_core_network = on_gpu(weights);
     for (const Case& c : kCases) {
+      if (!weights->accepts(c.patch.width, c.patch.height)) continue;
       for (const float noise : {0.3f, 0.03f}) {
         const ImagePair p = make_images(c.width, c.height, noise);
-        const LossResult expected = evaluate_on_cpu(*vgg, p, c.patch);
+        const LossResult expected = evaluate_on_cpu(weights, p, c.patch);
         const LossResult found = evaluate_on_gpu(*float_network, p, c.patch),
                          found_tensor_core = evaluate_on_gpu(*tensor_core_network, p, c.patch);
         for (const auto& [outcome, errors, name] :
@@ -188,10 +192,11 @@ TEST_CASE("the perceptual loss and its gradients on CUDA match the CPU") {
           errors->push_back(difference(expected.gradient, outcome->gradient));
           errors->push_back(difference(expected.map_gradient, outcome->map_gradient));
           std::printf(
-              "%dx%d, patch %dx%d, noise %.2f, %s: loss %.7f off by %.1e, gradient %.1e, "
+              "%s, %dx%d, patch %dx%d, noise %.2f, %s: loss %.7f off by %.1e, gradient %.1e, "
               "colour map %.1e\n",
-              c.width, c.height, c.patch.width, c.patch.height, noise, name, expected.value,
-              std::abs(outcome->value / expected.value - 1), *(errors->end() - 2), errors->back());
+              name_of_network, c.width, c.height, c.patch.width, c.patch.height, noise, name,
+              expected.value, std::abs(outcome->value / expected.value - 1), *(errors->end() - 2),
+              errors->back());
         }
         CHECK(found.value == Approx(expected.value).epsilon(1e-5));
         CHECK(found_tensor_core.value == Approx(expected.value).epsilon(1e-3));
@@ -207,13 +212,13 @@ TEST_CASE("the perceptual loss and its gradients on CUDA match the CPU") {
 }
 
 TEST_CASE("the gradient is added to the existing one and repeats to the bit") {
-  const auto vgg = shared_vgg16(3, true);
-  const auto network = network_of(vgg), other = network_of(vgg);
+  const SharedNetwork weights = random_network("squeeze", 3, true);
+  const auto network = on_gpu(weights), other = on_gpu(weights);
   const Case& c = kCases[3];
   const ImagePair p = make_images(c.width, c.height, 0.1f);
   const LossResult once = evaluate_on_gpu(*network, p, c.patch);
   // Other sizes in between must not matter.
-  evaluate_on_gpu(*network, p, kCases[4].patch);
+  evaluate_on_gpu(*network, p, {7, 3, 35, 28});
   evaluate_on_gpu(*network, p, {0, 0, 120, 90});
   const LossResult again = evaluate_on_gpu(*network, p, c.patch),
                    fresh = evaluate_on_gpu(*other, p, c.patch);
@@ -230,7 +235,7 @@ TEST_CASE("the gradient is added to the existing one and repeats to the bit") {
 }
 
 TEST_CASE("a CUDA step with a perceptual loss has the losses and gradients of the CPU") {
-  const auto vgg = shared_vgg16(5, true);
+  const SharedNetwork weights = random_network("vgg", 5, true);
   const int width = 160, height = 96;
   const Image8 ground_truth = random_ground_truth(width, height, 1);
   SceneShape shape;
@@ -253,11 +258,11 @@ TEST_CASE("a CUDA step with a perceptual loss has the losses and gradients of th
     plan.sh_coefficients = 16;
     plan.width = width;
     plan.height = height;
-    plan.perceptual = vgg;
+    plan.perceptual = weights;
     plan.perceptual_patch = 100;
     check(b.reserve(plan));
     if (state == &gpu || state == &again) {
-      auto float_network = network_of(vgg, cuda::VggPrecision::kFloat);
+      auto float_network = on_gpu(weights, cuda::ConvolutionPrecision::kFloat);
       backend.pipeline().set_perceptual(std::move(float_network));
     }
     check(b.begin(*state));
@@ -295,7 +300,7 @@ TEST_CASE("the memory of the perceptual loss counts towards the plan") {
   plan.primitives = 2000000000;
   plan.sh_coefficients = 16;
   plan.width = plan.height = 4000;
-  plan.perceptual = shared_vgg16(6, false);
+  plan.perceptual = random_network("vgg", 6, false);
   const auto check_rejected = [&](const std::string& text) {
     const Status status = backend.reserve(plan);
     INFO(status.message());

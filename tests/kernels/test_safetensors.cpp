@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "perceptual/safetensors.h"
-#include "vgg_fixture.h"
 
 #include "catch.h"
+#include "network_fixture.h"
 
 using namespace stgs;
 using namespace stgs::encoder;
@@ -153,33 +153,46 @@ TEST_CASE("a truncated file is rejected at every length") {
 }
 
 TEST_CASE(
-    "VGG16 is read with the tensor names of torchvision, with or without the linear layers of "
+    "networks are read with the tensor names of torchvision, with or without the linear layers of "
     "LPIPS") {
-  for (const bool linear : {false, true}) {
-    const Vgg16 made = random_vgg16(1, linear);
-    const auto read = read_vgg16(memory_source(vgg16_file(made), "w.safetensors"));
-    REQUIRE(read.ok());
-    const Vgg16& found = **read;
-    CHECK(found.linear == linear);
-    CHECK(found.channel_weights == made.channel_weights);
-    for (std::size_t i = 0; i < kVggLayers.size(); ++i) {
-      CHECK(found.convolutions[i].weight == made.convolutions[i].weight);
-      CHECK(found.convolutions[i].bias == made.convolutions[i].bias);
+  const auto read = [](const Tensors& tensors) {
+    return read_feature_network(memory_source(tensors_file(tensors), "w.safetensors"),
+                                ChannelWeights::kOptional);
+  };
+  for (const LpipsNetwork& layout : lpips_networks()) {
+    for (const bool linear : {false, true}) {
+      const Tensors tensors = random_tensors(layout, 1, linear);
+      const auto found = read(tensors);
+      REQUIRE(found.ok());
+      CAPTURE(layout.name, linear);
+      CHECK((*found)->name == layout.name);
+      CHECK((*found)->linear == linear);
+      const FeatureStage& first = (*found)->stages.front();
+      CHECK(first.weight == tensors.at("features.0.weight").second);
+      CHECK(first.bias == tensors.at("features.0.bias").second);
+      const std::vector<float>& last = (*found)->stages.back().channel_weights;
+      const auto channels = static_cast<std::size_t>(layout.layers.back().out);
+      if (!linear) CHECK(last == std::vector<float>(channels, 1.0f / static_cast<float>(channels)));
+      if (linear) CHECK(last == tensors.rbegin()->second.second);  // the last name is a linear one
     }
   }
-  const auto read = [](const Vgg16& network, const std::string& left_out) {
-    return read_vgg16(memory_source(vgg16_file(network, left_out), "w.safetensors"));
-  };
-  Vgg16 network = random_vgg16(1, true);
-  const std::uint64_t hash = (*read(network, ""))->hash;
-  for (const char* name : {"features.0.weight", "features.28.bias", "lin3.model.1.weight"})
-    check_rejected(read(network, name), fmt::format("tensor '{}' is missing", name));
-  network.convolutions[12].bias[511] += 1.0f;
-  CHECK((*read(network, ""))->hash != hash);
-  network.convolutions[5].weight.resize(9 * 256);
-  check_rejected(read(network, ""),
+  const Tensors tensors = random_tensors(network_layout("vgg"), 1);
+  const std::uint64_t hash = (*read(tensors))->hash;
+  for (const char* name : {"features.28.bias", "lin3.model.1.weight"}) {
+    Tensors incomplete = tensors;
+    incomplete.erase(name);
+    check_rejected(read(incomplete), fmt::format("tensor '{}' is missing", name));
+  }
+  Tensors changed = tensors;
+  changed.erase("features.0.weight");
+  check_rejected(read(changed), "not a network of LPIPS");
+  changed = tensors;
+  changed.at("features.28.bias").second[511] += 1.0f;
+  CHECK((*read(changed))->hash != hash);
+  changed.at("features.12.weight").second.resize(9 * 256);
+  check_rejected(read(changed),
                  "tensor 'features.12.weight': 9216 bytes do not match shape [256, 256, 3, 3]");
-  network = random_vgg16(1, true);
-  network.channel_weights[2][7] = -0.5f;
-  check_rejected(read(network, ""), "tensor 'lin2.model.1.weight': negative channel weight");
+  changed = tensors;
+  changed.at("lin2.model.1.weight").second[7] = -0.5f;
+  check_rejected(read(changed), "tensor 'lin2.model.1.weight': negative channel weight");
 }

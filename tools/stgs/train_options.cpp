@@ -61,7 +61,8 @@ void TrainOptions::declare(Arguments& app, bool with_packing) {
       ->allow_extra_args(false)
       ->group(group);
   app.add_option("--perceptual-weights", settings_.perceptual_weights,
-                 "Safetensors file of VGG16 weights; enables the perceptual loss")
+                 "Safetensors file with the weights of SqueezeNet 1.1, VGG16 or AlexNet; enables "
+                 "the perceptual loss")
       ->group(group);
   app.add_flag(
          "--refine-cameras", settings_.refine_cameras,
@@ -169,6 +170,7 @@ Json to_json(const encoder::HeldOutScore& score) {
 
 Json to_json(const encoder::PerceptualReport& perceptual) {
   return {{"weights", perceptual.weights},
+          {"network", perceptual.network},
           {"linear", perceptual.linear},
           {"weight", perceptual.weight},
           {"patch", perceptual.patch}};

@@ -43,8 +43,8 @@ Rows machine(const encoder::TrainReport& report) {
 
 std::string perceptual(const encoder::TrainReport& report) {
   if (!report.perceptual) return "disabled";
-  return fmt::format("{}, weights from {}",
-                     report.perceptual->linear ? "LPIPS (vgg)" : "VGG16, uniform channel weights",
+  return fmt::format("LPIPS ({}{}), weights from {}", report.perceptual->network,
+                     report.perceptual->linear ? "" : ", uniform channel weights",
                      report.perceptual->weights);
 }
 

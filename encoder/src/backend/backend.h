@@ -14,8 +14,8 @@
 
 #include "math/camera_grad.h"
 #include "math/damp.h"
+#include "perceptual/feature_network.h"
 #include "perceptual/patch.h"
-#include "perceptual/vgg16.h"
 #include "stgs/encoder/prepared_capture.h"
 #include "stgs/encoder/progress.h"
 #include "stgs/encoder/ranks.h"
@@ -96,7 +96,7 @@ struct TrainPlan {
   bool coupled = false;       // the ablation's representation (TrainState::is_coupled)
   bool normals = false;       // L_n is on in some steps
   bool rounding = false;      // some steps render rounded values
-  std::shared_ptr<const Vgg16> perceptual = nullptr;  // of the perceptual loss; null: off
+  std::shared_ptr<const FeatureNetwork> perceptual = nullptr;  // of the perceptual loss; null: off
   int perceptual_patch = 0;  // side of its patches, pixels; 0: complete images
 };
 

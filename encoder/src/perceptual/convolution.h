@@ -45,10 +45,6 @@ class Convolution {
   // weight: out x in x size x size; bias: out.
   Convolution(const std::vector<float>& weight, const std::vector<float>& bias, int in, int out,
               Window window = {});
-  // Returns the 3x3 convolution that maps dL/doutput to dL/dinput: the kernels are flipped, and
-  // their input and output channels exchanged.
-  static Convolution backward(const std::vector<float>& weight, int in, int out);
-
   // Convolves `input`, which has at least one window, and reshapes `output` to output_channels().
   // Parallel over blocks of the output.
   void apply(const FeatureMap& input, bool relu, FeatureMap& output) const;

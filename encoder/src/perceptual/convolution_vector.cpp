@@ -145,18 +145,6 @@ Convolution::Convolution(const std::vector<float>& weight, const std::vector<flo
   }
 }
 
-Convolution Convolution::backward(const std::vector<float>& weight, int in, int out) {
-  std::vector<float> flipped(weight.size());
-  for (int o = 0; o < out; ++o) {
-    for (int c = 0; c < in; ++c) {
-      const std::size_t from = (std::size_t{1} * o * in + c) * 9;
-      const std::size_t to = (std::size_t{1} * c * out + o) * 9;
-      for (std::size_t tap = 0; tap < 9; ++tap) flipped[to + tap] = weight[from + 8 - tap];
-    }
-  }
-  return {flipped, std::vector<float>(static_cast<std::size_t>(in), 0.0f), out, in};
-}
-
 bool Convolution::gathers() const {
   const bool is_same_size = window_.stride == 1 && window_.size == 2 * window_.padding + 1;
   return !is_same_size || window_.size > 3;

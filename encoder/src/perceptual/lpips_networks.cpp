@@ -3,8 +3,6 @@
 
 #include <array>
 
-#include "perceptual/vgg_layers.h"
-
 namespace stgs::encoder {
 namespace {
 
@@ -46,24 +44,39 @@ constexpr std::array kAlex = {
     convolution(10, 256, 256, {}, true),
 };
 
-constexpr int kVggPoolings = 4;
-constexpr auto kVgg = [] {
-  std::array<LpipsLayer, kVggLayers.size() + kVggPoolings> out{};
-  std::size_t at = 0;
-  for (const VggLayer& layer : kVggLayers) {
-    if (layer.pool_before) out[at++] = pooling(kPooling2);
-    out[at++] = convolution(layer.feature, layer.in, layer.out, {}, layer.tap >= 0);
-  }
-  return out;
-}();
+constexpr std::array kVgg = {
+    convolution(0, 3, 64, {}, false),
+    convolution(2, 64, 64, {}, true),
+    pooling(kPooling2),
+    convolution(5, 64, 128, {}, false),
+    convolution(7, 128, 128, {}, true),
+    pooling(kPooling2),
+    convolution(10, 128, 256, {}, false),
+    convolution(12, 256, 256, {}, false),
+    convolution(14, 256, 256, {}, true),
+    pooling(kPooling2),
+    convolution(17, 256, 512, {}, false),
+    convolution(19, 512, 512, {}, false),
+    convolution(21, 512, 512, {}, true),
+    pooling(kPooling2),
+    convolution(24, 512, 512, {}, false),
+    convolution(26, 512, 512, {}, false),
+    convolution(28, 512, 512, {}, true),
+};
 
-// FeatureMap has a multiple of 16 channels after a convolution.
-constexpr bool has_whole_panels(std::span<const LpipsLayer> layers) {
-  for (const LpipsLayer& layer : layers)
+// FeatureMap has a multiple of 16 channels after a convolution. The kernels of the perceptual loss
+// combine the backward pass of a pooling with that of the tap before it, and only the first
+// convolution, which has three inputs, may have a stride.
+constexpr bool is_supported(std::span<const LpipsLayer> layers) {
+  for (std::size_t i = 0; i < layers.size(); ++i) {
+    const LpipsLayer& layer = layers[i];
     if (layer.out % 16 != 0 || layer.squeezed % 16 != 0) return false;
-  return true;
+    if (layer.kind == Kind::kPooling && (i == 0 || !layers[i - 1].tap)) return false;
+    if (layer.kind == Kind::kConvolution && layer.window.stride > 1 && i > 0) return false;
+  }
+  return layers.back().tap && layers.front().in == 3;
 }
-static_assert(has_whole_panels(kSqueeze) && has_whole_panels(kAlex) && has_whole_panels(kVgg));
+static_assert(is_supported(kSqueeze) && is_supported(kAlex) && is_supported(kVgg));
 
 constexpr LpipsNetwork kNetworks[] = {{"squeeze", kSqueeze}, {"alex", kAlex}, {"vgg", kVgg}};
 

@@ -22,45 +22,23 @@ void load(const Patch& patch, const Colour& colour, FeatureMap& input) {
     for (int x = 0; x < patch.width; ++x) {
       float* to = input.pixel(x, y);
       for (int c = 0; c < 3; ++c)
-        to[c] = (colour(patch.x + x, patch.y + y, c) - kVggMean[c]) / kVggDeviation[c];
-    }
-  });
-}
-
-constexpr Window kPooling = {.size = 2, .stride = 2, .padding = 0};
-
-// Backward pass of pooling: the gradient goes to the first maximum of a window, in row order.
-void pool_backward(const FeatureMap& in, const FeatureMap& d_out, FeatureMap& d_in) {
-  d_in.reshape(in.width, in.height, in.channels);
-  const int n = in.channels;
-  for_rows(in.height, [&](int y) {
-    std::fill_n(d_in.pixel(0, y), static_cast<std::size_t>(in.width) * n, 0.0f);
-  });
-  for_rows(d_out.height, [&](int y) {
-    for (int x = 0; x < d_out.width; ++x) {
-      const float* from[4] = {in.pixel(2 * x, 2 * y), in.pixel(2 * x + 1, 2 * y),
-                              in.pixel(2 * x, 2 * y + 1), in.pixel(2 * x + 1, 2 * y + 1)};
-      float* to[4] = {d_in.pixel(2 * x, 2 * y), d_in.pixel(2 * x + 1, 2 * y),
-                      d_in.pixel(2 * x, 2 * y + 1), d_in.pixel(2 * x + 1, 2 * y + 1)};
-      const float* d = d_out.pixel(x, y);
-      for (int c = 0; c < n; ++c) {
-        int max_index = 0;
-        for (int k = 1; k < 4; ++k) max_index = from[k][c] > from[max_index][c] ? k : max_index;
-        to[max_index][c] = d[c];
-      }
+        to[c] = (colour(patch.x + x, patch.y + y, c) - kInputMean[c]) / kInputDeviation[c];
     }
   });
 }
 
 }  // namespace
 
-PerceptualLoss::PerceptualLoss(const Vgg16& network) : channel_weights_(network.channel_weights) {
-  for (std::size_t i = 0; i < kLayers; ++i) {
-    const VggLayer& layer = kVggLayers[i];
-    const VggConvolution& convolution = network.convolutions[i];
-    forward_[i] = {convolution.weight, convolution.bias, layer.in, layer.out};
-    backward_[i] = Convolution::backward(convolution.weight, layer.in, layer.out);
+PerceptualLoss::PerceptualLoss(std::shared_ptr<const FeatureNetwork> network)
+    : network_(std::move(network)) {
+  for (const FeatureStage& stage : network_->stages) {
+    std::optional<Passes>& passes = passes_.emplace_back();
+    if (stage.is_pooling()) continue;
+    passes.emplace(Passes{{stage.weight, stage.bias, stage.in, stage.out, stage.window},
+                          {stage.weight, stage.in, stage.out, stage.window}});
   }
+  features_.resize(passes_.size());
+  target_features_.resize(passes_.size());
 }
 
 double PerceptualLoss::evaluate(const Image& image, const Image8& ground_truth, const Patch& patch,
@@ -73,8 +51,8 @@ double PerceptualLoss::evaluate(const Image& image, const Image8& ground_truth, 
       },
       input_);
   forward();
-  for (std::size_t i = 0; i < kLayers; ++i) {
-    if (const int tap = kVggLayers[i].tap; tap >= 0) std::swap(features_[i], target_features_[tap]);
+  for (std::size_t i = 0; i < features_.size(); ++i) {
+    if (network_->stages[i].is_tap()) std::swap(features_[i], target_features_[i]);
   }
   load(
       patch,
@@ -83,54 +61,60 @@ double PerceptualLoss::evaluate(const Image& image, const Image8& ground_truth, 
       },
       input_);
   forward();
-
-  double loss = 0;
-  for (std::size_t i = kLayers; i-- > 0;) {
-    loss += tap_backward(i, weight);
-    backward_[i].apply(gradient_, false, next_gradient_);
-    if (!kVggLayers[i].pool_before) {
-      std::swap(gradient_, next_gradient_);
-    } else {
-      pool_backward(features_[i - 1], next_gradient_, gradient_);
-    }
-  }
+  const double loss = backward(weight);
   add_gradient(patch, d_image);
   return loss;
 }
 
 void PerceptualLoss::forward() {
   const FeatureMap* in = &input_;
-  for (std::size_t i = 0; i < kLayers; ++i) {
-    if (kVggLayers[i].pool_before) {
-      max_pool(*in, kPooling, pooled_[i]);
-      in = &pooled_[i];
+  for (std::size_t i = 0; i < features_.size(); ++i) {
+    if (passes_[i]) {
+      passes_[i]->forward.apply(*in, true, features_[i]);
+    } else {
+      max_pool(*in, network_->stages[i].window, features_[i]);
     }
-    forward_[i].apply(*in, true, features_[i]);
     in = &features_[i];
   }
 }
 
-// Converts gradient_ to the gradient of the layer's output before ReLU: adds that of its tap, if
-// any, and applies the ReLU's mask. Returns the tap's contribution to the loss.
-double PerceptualLoss::tap_backward(std::size_t layer, float weight) {
-  const FeatureMap& features = features_[layer];
-  const int n = features.channels, tap = kVggLayers[layer].tap;
-  if (layer + 1 == kLayers) {
-    gradient_.reshape(features.width, features.height, n);
-    for_rows(features.height, [&](int y) {
-      std::fill_n(gradient_.pixel(0, y), static_cast<std::size_t>(features.width) * n, 0.0f);
-    });
+// Computes gradient_, that of the input, from the features. Returns the loss.
+double PerceptualLoss::backward(float weight) {
+  double loss = 0;
+  const FeatureMap& last = features_.back();
+  gradient_.reshape(last.width, last.height, last.channels);
+  for_rows(last.height, [&](int y) {
+    std::fill_n(gradient_.pixel(0, y), static_cast<std::size_t>(last.width) * last.channels, 0.0f);
+  });
+  for (std::size_t i = features_.size(); i-- > 0;) {
+    const FeatureMap& in = i > 0 ? features_[i - 1] : input_;
+    if (passes_[i]) {
+      loss += tap_backward(i, weight);
+      passes_[i]->backward.apply(gradient_, in.width, in.height, next_gradient_);
+    } else {
+      max_pool_backward(in, network_->stages[i].window, gradient_, next_gradient_);
+    }
+    std::swap(gradient_, next_gradient_);
   }
+  return loss;
+}
+
+// Converts gradient_ to the gradient of a convolution's output before ReLU: adds that of its tap,
+// if any, and applies the ReLU's mask. Returns the tap's contribution to the loss.
+double PerceptualLoss::tap_backward(std::size_t stage, float weight) {
+  const FeatureMap& features = features_[stage];
+  const int n = features.channels;
+  const bool is_tap = network_->stages[stage].is_tap();
+  const float* const w = network_->stages[stage].channel_weights.data();
   const auto pixels = static_cast<float>(features.width) * static_cast<float>(features.height);
   row_sums_.assign(static_cast<std::size_t>(features.height), 0.0);
   for_rows(features.height, [&](int y) {
     for (int x = 0; x < features.width; ++x) {
       const float* f = features.pixel(x, y);
       float* gradient = gradient_.pixel(x, y);
-      if (tap >= 0) {
-        const float* g = target_features_[tap].pixel(x, y);
-        const float* w = channel_weights_[tap].data();
-        float square_f = kVggEpsilon, square_g = kVggEpsilon;
+      if (is_tap) {
+        const float* g = target_features_[stage].pixel(x, y);
+        float square_f = kSquareEpsilon, square_g = kSquareEpsilon;
         for (int c = 0; c < n; ++c) {
           square_f += f[c] * f[c];
           square_g += g[c] * g[c];
@@ -164,7 +148,7 @@ void PerceptualLoss::add_gradient(const Patch& patch, Image& d_image) {
       const std::size_t at = static_cast<std::size_t>(patch.y + y) * d_image.width +
                              static_cast<std::size_t>(patch.x + x);
       for (int c = 0; c < 3; ++c)
-        d_image.plane(c)[at] += gradient_.pixel(x, y)[c] / kVggDeviation[c];
+        d_image.plane(c)[at] += gradient_.pixel(x, y)[c] / kInputDeviation[c];
     }
   });
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The perceptual loss (paper 3.4, L_lpips) on the CPU: LPIPS (Zhang et al., CVPR 2018) with VGG16.
+// The perceptual loss (paper 3.4, L_lpips) on the CPU: LPIPS (Zhang et al., CVPR 2018).
 //
 //   L = sum over taps of the mean over pixels of sum_c w_c (a_c - b_c)^2
 //
@@ -7,11 +7,14 @@
 // pixel, and w are the network's channel weights.
 #pragma once
 
-#include <array>
+#include <memory>
+#include <optional>
+#include <vector>
 
 #include "perceptual/convolution.h"
+#include "perceptual/convolution_backward.h"
+#include "perceptual/feature_network.h"
 #include "perceptual/patch.h"
-#include "perceptual/vgg16.h"
 #include "stgs/encoder/prepared_capture.h"
 #include "stgs/format/raster.h"
 
@@ -21,28 +24,32 @@ namespace stgs::encoder {
 // at a time per object.
 class PerceptualLoss {
  public:
-  explicit PerceptualLoss(const Vgg16& network);
+  explicit PerceptualLoss(std::shared_ptr<const FeatureNetwork> network);
 
-  // Returns L of a patch and adds weight dL/dimage to `d_image`. The patch has at least kVggMinSize
-  // pixels per side and lies within both images. `image` has 3 planes, nominally in [0,1];
-  // `d_image` has the same size.
+  // Returns L of a patch and adds weight dL/dimage to `d_image`. The network accepts the patch,
+  // which lies within both images. `image` has 3 planes, nominally in [0,1]; `d_image` has the same
+  // size.
   double evaluate(const Image& image, const Image8& ground_truth, const Patch& patch, float weight,
                   Image& d_image);
 
  private:
-  static constexpr std::size_t kLayers = kVggLayers.size();
+  // A convolution and its backward pass; none for a pooling.
+  struct Passes {
+    Convolution forward;
+    ConvolutionBackward backward;
+  };
 
   void forward();
-  double tap_backward(std::size_t layer, float weight);
+  double backward(float weight);
+  double tap_backward(std::size_t stage, float weight);
   void add_gradient(const Patch& patch, Image& d_image);
 
-  std::array<Convolution, kLayers> forward_, backward_;
-  std::array<std::vector<float>, kVggTaps> channel_weights_;
+  std::shared_ptr<const FeatureNetwork> network_;
+  std::vector<std::optional<Passes>> passes_;  // of the stages
   FeatureMap input_;
-  std::array<FeatureMap, kLayers> features_;  // after ReLU
-  std::array<FeatureMap, kLayers> pooled_;    // input of layers that follow a pooling
-  std::array<FeatureMap, kVggTaps> target_features_;
-  FeatureMap gradient_, next_gradient_;  // dL/d(features of a layer)
+  std::vector<FeatureMap> features_;         // outputs of the stages
+  std::vector<FeatureMap> target_features_;  // of the taps among them
+  FeatureMap gradient_, next_gradient_;      // dL/d(output of a stage)
   std::vector<double> row_sums_;
 };
 

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "backend/backend.h"
-#include "perceptual/vgg16.h"
+#include "perceptual/feature_network.h"
 #include "stgs/encoder/progress.h"
 #include "stgs/encoder/train.h"
 #include "train/hyper_parameters.h"
@@ -27,7 +27,7 @@ class PerceptualTerm {
   bool is_on() const { return network_ != nullptr; }
   // Returns kUsage if a training image is too small, also at half size if the run uses that.
   Status check_sizes(const std::vector<Camera>& cameras) const;
-  // Sets the plan's network and patch size.
+  // Sets the plan's network and patch size, and raises its image size to the smallest patch.
   void plan(TrainPlan& plan) const;
   // Sets the weight and the patch of a step. `progress`: of the run, in [0, 1]. `input` must have
   // its camera set.
@@ -38,7 +38,7 @@ class PerceptualTerm {
 
  private:
   std::string file_;
-  std::shared_ptr<const Vgg16> network_;  // null: off
+  std::shared_ptr<const FeatureNetwork> network_;  // null: off
   double weight_ = 0, from_ = 0;
   int patch_ = 0;
   bool half_sizes_ = false;

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <initializer_list>
 
-#include "perceptual/vgg_layers.h"
 #include "stgs/encoder/rate_parameters.h"
 #include "stgs/encoder/windows.h"
 #include "stgs/format/math/sh.h"
@@ -27,6 +26,8 @@ constexpr double kManyPruneOpacity = 0.005;
 // 0.2 to 0.6 dB, basketball 0.2 dB on training cameras with 3 to 5 times as many instead of 9.
 constexpr double kPackedPrimitive = 12.0, kGrowth = 4.0;
 constexpr int kFewPrimitives = 1000;
+// Pixels per side of the images for which memory is planned if no camera is known.
+constexpr int kUnknownSide = 16;
 
 bool is_overridden(const TrainSettings& settings, const char* name) {
   return std::any_of(settings.overrides.begin(), settings.overrides.end(),
@@ -245,7 +246,7 @@ TrainPlan train_plan(const TrainingChoice& choice, const PerceptualTerm& percept
   TrainPlan plan;
   plan.primitives = static_cast<std::size_t>(choice.parameters.max_primitives);
   plan.sh_coefficients = math::sh_coefficients(choice.parameters.sh_degree);
-  plan.width = plan.height = kVggMinSize;  // the minimum of all loss terms, if no camera is known
+  plan.width = plan.height = kUnknownSide;
   for (const Camera& camera : cameras) {
     if (camera.test) continue;
     plan.width = std::max(plan.width, camera.width);

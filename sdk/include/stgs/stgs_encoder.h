@@ -211,8 +211,9 @@ typedef struct stgs_train_settings {
   uint32_t held_out_evaluations;    /* evaluations on the test cameras, up to 10^6; default 5 */
   uint64_t frame_memory;            /* for decoded images, bytes; 0 (default): a share of the free
                                      * memory */
-  const char* perceptual_weights;   /* safetensors file with VGG16 weights, enables the perceptual
-                                     * loss; NULL (default): disabled */
+  const char* perceptual_weights;   /* safetensors file with the weights of SqueezeNet 1.1,
+                                     * VGG16 or AlexNet, enables the perceptual loss; NULL
+                                     * (default): disabled */
   const stgs_parameter* parameters; /* overrides of hyperparameters */
   uint32_t parameter_count;         /* default 0 */
   double quality;     /* that the scene is trained for, 0.1 to 100; 0 (default): from the preset */

@@ -50,8 +50,9 @@ struct TrainSettings {
   // Evenly spaced over a run. The scene does not depend on them, and their time does not count as
   // training time.
   int held_out_evaluations = 5;
-  // Safetensors file with VGG16's weights, and optionally LPIPS's linear layers, for the perceptual
-  // loss; "": the loss is off. README.md describes how to make one.
+  // Safetensors file with the weights of SqueezeNet 1.1, VGG16 or AlexNet, and optionally LPIPS's
+  // linear layers, for the perceptual loss; "": the loss is off. The guide describes how to make
+  // one.
   std::string perceptual_weights;
   // Refine the poses and focal lengths of the training cameras together with the scene.
   bool refine_cameras = false;
@@ -87,6 +88,7 @@ struct TrainParameters {
 // Describes the perceptual loss of a run that used one.
 struct PerceptualReport {
   std::string weights;  // path of the file
+  std::string network;  // "squeeze", "vgg" or "alex"
   bool linear = false;  // true LPIPS, with the file's linear layers
   double weight = 0;    // of the loss term
   int patch = 0;        // side of the patch evaluated per step, pixels; 0: the complete image

@@ -37,7 +37,7 @@ class CpuBackend final : public TrainBackend {
   }
   Status check_perceptual() const override { return {}; }
   Status reserve(const TrainPlan& plan) override {
-    perceptual_ = plan.perceptual ? std::make_unique<PerceptualLoss>(*plan.perceptual) : nullptr;
+    perceptual_ = plan.perceptual ? std::make_unique<PerceptualLoss>(plan.perceptual) : nullptr;
     return {};
   }
   Status begin(TrainState& state) override {

@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "backend/cuda/device.cuh"
+#include "perceptual/feature_constants.h"
 
 namespace stgs::encoder::cuda {
 namespace {
@@ -11,12 +12,12 @@ namespace {
 constexpr int kThreads = 256;
 constexpr int kWarps = kThreads / 32;
 
-__device__ constexpr float kMean[3] = {kVggMean[0], kVggMean[1], kVggMean[2]};
-__device__ constexpr float kInverse[3] = {1.0f / kVggDeviation[0], 1.0f / kVggDeviation[1],
-                                          1.0f / kVggDeviation[2]};
+__device__ constexpr float kMean[3] = {kInputMean[0], kInputMean[1], kInputMean[2]};
+__device__ constexpr float kInverse[3] = {1.0f / kInputDeviation[0], 1.0f / kInputDeviation[1],
+                                          1.0f / kInputDeviation[2]};
 
 int grid(std::size_t items, int block) {
-  return std::min(blocks_of(items, block), kVggBlocks);
+  return std::min(blocks_of(items, block), kPerceptualBlocks);
 }
 
 // Returns the image index of pixel q of the patch.
@@ -56,16 +57,22 @@ __device__ float4 larger(const float4& a, const float4& b) {
 
 // One thread per four channels of a pixel; blockIdx.y: index of the image.
 __global__ void __launch_bounds__(kThreads)
-    pool(const float4* features, int width, int height, int quads, float4* pooled) {
-  const int out_width = width / 2, out_height = height / 2;
+    pool(const float4* features, int width, int height, int quads, Window window, int out_width,
+         int out_height, float4* pooled) {
   const std::size_t n = std::size_t{1} * out_width * out_height * quads;
   const std::size_t k = std::size_t{blockIdx.x} * kThreads + threadIdx.x;
   if (k >= n) return;
-  const std::size_t quad = k % quads, x = k / quads % out_width, y = k / quads / out_width;
+  const int quad = static_cast<int>(k % quads);
+  const int x = static_cast<int>(k / quads % out_width) * window.stride;
+  const int y = static_cast<int>(k / quads / out_width) * window.stride;
   const std::size_t row = std::size_t{1} * width * quads;
-  const float4* from = features + blockIdx.y * (row * height) + 2 * y * row + 2 * x * quads + quad;
-  pooled[blockIdx.y * n + k] =
-      larger(larger(from[0], from[quads]), larger(from[row], from[row + quads]));
+  const float4* from = features + blockIdx.y * (row * height) + quad;
+  float4 maximum = from[y * row + std::size_t{1} * x * quads];
+  for (int v = y; v < min(y + window.size, height); ++v) {
+    for (int u = x; u < min(x + window.size, width); ++u)
+      maximum = larger(maximum, from[v * row + std::size_t{1} * u * quads]);
+  }
+  pooled[blockIdx.y * n + k] = maximum;
 }
 
 __global__ void __launch_bounds__(kThreads)
@@ -81,22 +88,43 @@ __global__ void __launch_bounds__(kThreads)
   gradient[k] = d;
 }
 
+// Returns whether pixel (x, y), whose feature is f, is the first maximum, in row order, of a window
+// that begins at (x0, y0), of channel c.
+__device__ bool is_first(const TapBackward& tap, int x0, int y0, int x, int y, int c, float f) {
+  for (int v = y0; v <= y; ++v) {
+    const int end = v == y ? x : min(x0 + tap.window.size, tap.size.width);
+    for (int u = x0; u < end; ++u) {
+      if (tap.features[(std::size_t{1} * v * tap.size.width + u) * tap.size.channels + c] == f)
+        return false;
+    }
+  }
+  return true;
+}
+
 // Returns the gradient that the pooling passes to channel c of pixel (x, y), whose feature is f.
-// The window's gradient goes to its first maximum, in row order.
+// The gradient of a window goes to its first maximum.
 __device__ float pool_backward(const TapBackward& tap, int x, int y, int c, float f) {
-  const int out_width = tap.size.width / 2, out_height = tap.size.height / 2;
-  if (tap.d_pooled == nullptr || x / 2 >= out_width || y / 2 >= out_height) return 0.0f;
-  const std::size_t channels = tap.size.channels;
-  const std::size_t at = (std::size_t{1} * (y / 2) * out_width + x / 2) * channels + c;
-  const float maximum = tap.pooled[at];
-  if (f != maximum) return 0.0f;
-  const std::size_t row = tap.size.width * channels;
-  const float* window = tap.features + (y & ~1) * row + (x & ~1) * channels + c;
-  const int own = (y & 1) * 2 + (x & 1);
-  if (own > 0 && window[0] == maximum) return 0.0f;
-  if (own > 1 && window[channels] == maximum) return 0.0f;
-  if (own > 2 && window[row] == maximum) return 0.0f;
-  return tap.d_pooled[at];
+  const int stride = tap.window.stride, size = tap.window.size;
+  float sum = 0.0f;
+  for (int row = y / stride; row >= 0 && row * stride + size > y; --row) {
+    if (row >= tap.pooled_size.height) continue;
+    for (int column = x / stride; column >= 0 && column * stride + size > x; --column) {
+      if (column >= tap.pooled_size.width) continue;
+      const std::size_t at =
+          (std::size_t{1} * row * tap.pooled_size.width + column) * tap.size.channels + c;
+      if (f != tap.pooled[at]) continue;
+      if (is_first(tap, column * stride, row * stride, x, y, c, f)) sum += tap.d_output[at];
+    }
+  }
+  return sum;
+}
+
+// Returns dL/d(channel c of pixel q, which is (x, y)) by the stages after the tap.
+__device__ float later_gradient(const TapBackward& tap, std::size_t q, int x, int y, int c,
+                                float f) {
+  if (tap.d_output == nullptr) return 0.0f;
+  if (tap.pooled != nullptr) return pool_backward(tap, x, y, c, f);
+  return tap.d_output[q * tap.size.channels + c];
 }
 
 // One warp per pixel.
@@ -122,8 +150,8 @@ __global__ void __launch_bounds__(kThreads)
       square_a = fmaf(a[k], a[k], square_a);
       square_b = fmaf(b[k], b[k], square_b);
     }
-    const float scale_a = 1.0f / sqrtf(warp_sum(square_a) + kVggEpsilon);
-    const float scale_b = 1.0f / sqrtf(warp_sum(square_b) + kVggEpsilon);
+    const float scale_a = 1.0f / sqrtf(warp_sum(square_a) + kSquareEpsilon);
+    const float scale_b = 1.0f / sqrtf(warp_sum(square_b) + kSquareEpsilon);
     float sum = 0.0f, along = 0.0f;
 #pragma unroll
     for (int k = 0; k < kOwn; ++k) {
@@ -140,12 +168,40 @@ __global__ void __launch_bounds__(kThreads)
     for (int k = 0; k < kOwn; ++k) {
       const float normalised = a[k] * scale_a, difference = normalised - b[k] * scale_b;
       const float own = scale * (w[k] * difference - along * normalised);
-      const float from_pool = pool_backward(tap, x, y, lane + 32 * k, a[k]);
-      gradient[32 * k] = a[k] > 0.0f ? own + from_pool : 0.0f;
+      const float later = later_gradient(tap, q, x, y, lane + 32 * k, a[k]);
+      gradient[32 * k] = a[k] > 0.0f ? own + later : 0.0f;
     }
   }
   sum_over_pixels = block_sum<kThreads>(sum_over_pixels);
   if (threadIdx.x == 0) tap.sums[blockIdx.x] = sum_over_pixels * inverse_pixels;
+}
+
+// One thread per pixel of the input.
+__global__ void __launch_bounds__(kThreads)
+    strided_backward(const StridedConvolution convolution, std::size_t pixels,
+                     const float* d_output, float4* d_input) {
+  const std::size_t q = std::size_t{blockIdx.x} * kThreads + threadIdx.x;
+  if (q >= pixels) return;
+  const int x = static_cast<int>(q % convolution.input.width) + convolution.window.padding;
+  const int y = static_cast<int>(q / convolution.input.width) + convolution.window.padding;
+  const int stride = convolution.window.stride, size = convolution.window.size;
+  const int channels = convolution.output.channels;
+  float sum[3] = {};
+  for (int row = y / stride; row >= 0 && row * stride + size > y; --row) {
+    if (row >= convolution.output.height) continue;
+    for (int column = x / stride; column >= 0 && column * stride + size > x; --column) {
+      if (column >= convolution.output.width) continue;
+      const int tap = (y - row * stride) * size + x - column * stride;
+      const float* w = convolution.weights + std::size_t{3} * tap * channels;
+      const float* d =
+          d_output + (std::size_t{1} * row * convolution.output.width + column) * channels;
+      for (int o = 0; o < channels; ++o) {
+#pragma unroll
+        for (int c = 0; c < 3; ++c) sum[c] = fmaf(w[c * channels + o], d[o], sum[c]);
+      }
+    }
+  }
+  d_input[q] = make_float4(sum[0], sum[1], sum[2], 0.0f);
 }
 
 __global__ void __launch_bounds__(kThreads)
@@ -176,18 +232,18 @@ __global__ void __launch_bounds__(kThreads)
 #pragma unroll
   for (int k = 0; k < kMapGradients; ++k) {
     const float sum = block_sum<kThreads>(by_map[k]);
-    if (threadIdx.x == 0) map_parts[k * kVggBlocks + blockIdx.x] = sum;
+    if (threadIdx.x == 0) map_parts[k * kPerceptualBlocks + blockIdx.x] = sum;
   }
 }
 
 // One warp per quantity: L, then the gradients of the colour map.
 __global__ void __launch_bounds__(32 * (kMapGradients + 1))
-    totals(const PerceptualStep step, const float* sums, const float* map_parts, int map_blocks,
-           double* value) {
+    totals(const PerceptualStep step, const float* sums, int taps, const float* map_parts,
+           int map_blocks, double* value) {
   const int quantity = static_cast<int>(threadIdx.x / 32),
             lane = static_cast<int>(threadIdx.x & 31);
-  const float* parts = quantity == 0 ? sums : map_parts + (quantity - 1) * kVggBlocks;
-  const int n = quantity == 0 ? kVggTaps * kVggBlocks : map_blocks;
+  const float* parts = quantity == 0 ? sums : map_parts + (quantity - 1) * kPerceptualBlocks;
+  const int n = quantity == 0 ? taps * kPerceptualBlocks : map_blocks;
   double sum = 0.0;
   for (int k = lane; k < n; k += 32) sum += double{parts[k]};
   sum = warp_sum(sum);
@@ -212,19 +268,19 @@ std::size_t pixels_of(const PerceptualStep& step) {
 
 }  // namespace
 
-void launch_vgg_input(const PerceptualStep& step, float* input, cudaStream_t stream) {
+void launch_network_input(const PerceptualStep& step, float* input, cudaStream_t stream) {
   const std::size_t pixels = pixels_of(step);
   load_input<<<blocks_of(pixels, kThreads), kThreads, 0, stream>>>(
       step, pixels, reinterpret_cast<float4*>(input));
 }
 
-void launch_vgg_pool(const float* features, const FeatureSize& size, float* pooled,
-                     cudaStream_t stream) {
+void launch_pool(const float* features, const FeatureSize& size, const Window& window,
+                 const FeatureSize& pooled_size, float* pooled, cudaStream_t stream) {
   const int quads = size.channels / 4;
-  const std::size_t n = std::size_t{1} * (size.width / 2) * (size.height / 2) * quads;
+  const std::size_t n = pooled_size.values() / 4;
   pool<<<dim3(blocks_of(n, kThreads), 2), kThreads, 0, stream>>>(
-      reinterpret_cast<const float4*>(features), size.width, size.height, quads,
-      reinterpret_cast<float4*>(pooled));
+      reinterpret_cast<const float4*>(features), size.width, size.height, quads, window,
+      pooled_size.width, pooled_size.height, reinterpret_cast<float4*>(pooled));
 }
 
 void launch_relu_backward(const float* features, const FeatureSize& size, float* gradient,
@@ -235,29 +291,40 @@ void launch_relu_backward(const float* features, const FeatureSize& size, float*
 }
 
 void launch_tap_backward(const TapBackward& tap, cudaStream_t stream) {
-  cudaMemsetAsync(tap.sums, 0, kVggBlocks * sizeof(float), stream);
+  cudaMemsetAsync(tap.sums, 0, kPerceptualBlocks * sizeof(float), stream);
   switch (tap.size.channels) {
     case 64:
       return start_tap_backward<64>(tap, stream);
     case 128:
       return start_tap_backward<128>(tap, stream);
+    case 192:
+      return start_tap_backward<192>(tap, stream);
     case 256:
       return start_tap_backward<256>(tap, stream);
+    case 384:
+      return start_tap_backward<384>(tap, stream);
     default:
       return start_tap_backward<512>(tap, stream);
   }
 }
 
-void launch_vgg_gradient(const PerceptualStep& step, const float* gradient, float* map_parts,
-                         cudaStream_t stream) {
+void launch_strided_backward(const StridedConvolution& convolution, const float* d_output,
+                             float* d_input, cudaStream_t stream) {
+  const std::size_t pixels = convolution.input.pixels();
+  strided_backward<<<blocks_of(pixels, kThreads), kThreads, 0, stream>>>(
+      convolution, pixels, d_output, reinterpret_cast<float4*>(d_input));
+}
+
+void launch_input_gradient(const PerceptualStep& step, const float* gradient, float* map_parts,
+                           cudaStream_t stream) {
   const std::size_t pixels = pixels_of(step);
   add_gradient<<<grid(pixels, kThreads), kThreads, 0, stream>>>(
       step, pixels, reinterpret_cast<const float4*>(gradient), map_parts);
 }
 
-void launch_vgg_totals(const PerceptualStep& step, const float* sums, const float* map_parts,
-                       double* value, cudaStream_t stream) {
-  totals<<<1, 32 * (kMapGradients + 1), 0, stream>>>(step, sums, map_parts,
+void launch_totals(const PerceptualStep& step, const float* sums, int taps, const float* map_parts,
+                   double* value, cudaStream_t stream) {
+  totals<<<1, 32 * (kMapGradients + 1), 0, stream>>>(step, sums, taps, map_parts,
                                                      grid(pixels_of(step), kThreads), value);
 }
 

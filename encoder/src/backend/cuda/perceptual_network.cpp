@@ -2,35 +2,18 @@
 #include "backend/cuda/perceptual_network.h"
 
 #include <algorithm>
-#include <array>
 #include <cstdint>
 #include <utility>
 #include <vector>
 
+#include "backend/cuda/cudnn_convolution.h"
 #include "backend/cuda/cudnn_library.h"
 #include "backend/cuda/memory.h"
 #include "backend/cuda/perceptual_kernels.h"
+#include "perceptual/convolution_backward.h"
 
 namespace stgs::encoder::cuda {
 namespace {
-
-constexpr std::size_t kLayers = kVggLayers.size();
-// Deterministic, available for all shapes, and supports the tensor cores.
-constexpr cudnnConvolutionFwdAlgo_t kAlgorithm = CUDNN_CONVOLUTION_FWD_ALGO_IMPLICIT_PRECOMP_GEMM;
-
-int input_channels(std::size_t layer) {
-  return layer == 0 ? kVggInputs : kVggLayers[layer].in;
-}
-
-// The cuDNN arguments of a convolution.
-struct Convolution {
-  CudnnObject<cudnnTensorDescriptor_t> input, output, bias_shape;
-  CudnnObject<cudnnFilterDescriptor_t> filter;
-  DeviceArray<float> weights, bias;  // weights: out x 3 x 3 x in
-  int in = 0, out = 0;
-
-  std::size_t weight_count() const { return std::size_t{9} * in * out; }
-};
 
 // Owns an executable CUDA graph.
 class Graph {
@@ -57,79 +40,54 @@ struct RecordedPass {
   Graph graph;
 };
 
-// Converts weights from out x in x 3 x 3 to out x 3 x 3 x in_stored, zero-padding the inputs.
-std::vector<float> forward_weights(const VggConvolution& convolution, const VggLayer& layer,
-                                   int in_stored) {
-  std::vector<float> weights(std::size_t{9} * in_stored * layer.out);
-  for (int o = 0; o < layer.out; ++o) {
-    for (int c = 0; c < layer.in; ++c) {
-      for (int tap = 0; tap < 9; ++tap)
-        weights[(std::size_t{9} * o + tap) * in_stored + c] =
-            convolution.weight[(std::size_t{1} * o * layer.in + c) * 9 + tap];
-    }
-  }
-  return weights;
-}
-
-// Returns the weights that map dL/doutput to dL/dinput: flipped, in_stored x 3 x 3 x out.
-std::vector<float> backward_weights(const VggConvolution& convolution, const VggLayer& layer,
-                                    int in_stored) {
-  std::vector<float> weights(std::size_t{9} * in_stored * layer.out);
-  for (int o = 0; o < layer.out; ++o) {
-    for (int c = 0; c < layer.in; ++c) {
-      for (int tap = 0; tap < 9; ++tap)
-        weights[(std::size_t{9} * c + 8 - tap) * layer.out + o] =
-            convolution.weight[(std::size_t{1} * o * layer.in + c) * 9 + tap];
-    }
-  }
-  return weights;
-}
-
-Status upload(const std::vector<float>& values, DeviceArray<float>& array) {
-  STGS_TRY(array.ensure(values.size()));
-  return cuda_status(cudaMemcpy(array.data(), values.data(), values.size() * sizeof(float),
-                                cudaMemcpyHostToDevice),
-                     "uploading the weights of the perceptual loss");
-}
+// A stage of the network on the device. `forward` and `backward` are unused for a pooling,
+// `backward` for a convolution with a stride.
+struct Stage {
+  CudnnConvolution forward, backward;
+  FeatureSize size{};                  // of its output
+  DeviceArray<float> features;         // of both images; after ReLU if it is a convolution
+  DeviceArray<float> channel_weights;  // if it is a tap
+};
 
 class CudnnPerceptual final : public PerceptualNetwork {
  public:
-  explicit CudnnPerceptual(std::shared_ptr<const Vgg16> network) : network_(std::move(network)) {}
+  explicit CudnnPerceptual(std::shared_ptr<const FeatureNetwork> network)
+      : network_(std::move(network)), stages_(network_->stages.size()) {}
 
-  Status create(VggPrecision precision);
+  Status create(ConvolutionPrecision precision);
   Result<std::size_t> bytes(int width, int height) override;
   Status reserve(int width, int height) override;
   Status enqueue(const PerceptualStep& step, cudaStream_t stream) override;
   const double* value() const override { return value_.data(); }
 
  private:
-  Status create_convolution(int in, int out, Convolution& convolution);
-  // Sets the descriptors and sizes_ for patches of this size.
+  // Sets the sizes of all stages for patches of this size.
   Status set_size(int width, int height);
-  Status set_shapes(Convolution& convolution, int images, const FeatureSize& size);
-  Result<std::size_t> workspace_bytes();
+  const FeatureSize& input_size(std::size_t stage) const {
+    return stage == 0 ? size_ : stages_[stage - 1].size;
+  }
+  Result<std::size_t> workspace_bytes() const;
   std::size_t gradient_values() const;
-  Status upload_weights();
+  Status upload_network();
   Status pass(int width, int height, cudaStream_t stream);
   Status record(cudaStream_t stream);
   Status run(cudaStream_t stream);
   Status forward(cudaStream_t stream);
   Status backward(cudaStream_t stream);
-  Status convolve_forward(std::size_t layer, const float* input);
+  Status convolve_backward(std::size_t stage, const float* gradient, float* next,
+                           cudaStream_t stream);
+  CudnnWorkspace workspace() { return {workspace_.data(), workspace_.capacity()}; }
 
-  std::shared_ptr<const Vgg16> network_;
+  std::shared_ptr<const FeatureNetwork> network_;
   Cudnn cudnn_{};
   CudnnObject<cudnnHandle_t> handle_;
-  CudnnObject<cudnnConvolutionDescriptor_t> convolution_;
   CudnnObject<cudnnActivationDescriptor_t> relu_;
-  std::array<Convolution, kLayers> forward_, backward_;
-  std::array<FeatureSize, kLayers> sizes_{};  // of the output of each layer
-  int width_ = 0, height_ = 0;                // of the patches they are set for
+  std::vector<Stage> stages_;
+  FeatureSize size_{};  // of the input, for which the stages are set
+  int taps_ = 0;
 
   DeviceArray<float> input_, gradient_, next_gradient_;
-  std::array<DeviceArray<float>, kLayers> features_;  // after ReLU, of both images
-  std::array<DeviceArray<float>, kLayers> pooled_;    // input of layers that follow a pooling
-  std::array<DeviceArray<float>, kVggTaps> channel_weights_;
+  DeviceArray<float> strided_weights_;  // of the first stage, if it has a stride
   DeviceArray<float> sums_, map_parts_;
   DeviceArray<double> value_;
   DeviceArray<std::uint8_t> workspace_;
@@ -137,107 +95,83 @@ class CudnnPerceptual final : public PerceptualNetwork {
   std::vector<RecordedPass> recorded_;
 };
 
-Status CudnnPerceptual::create(VggPrecision precision) {
+Status CudnnPerceptual::create(ConvolutionPrecision precision) {
   STGS_ASSIGN(cudnn_, Cudnn::load());
   STGS_TRY(cudnn_.status(handle_.create(cudnn_.create, cudnn_.destroy), "starting"));
-  STGS_TRY(cudnn_.status(convolution_.create(cudnn_.create_convolution, cudnn_.destroy_convolution),
-                         "describing a convolution"));
-  STGS_TRY(cudnn_.status(cudnn_.set_convolution(convolution_, 1, 1, 1, 1, 1, 1,
-                                                CUDNN_CROSS_CORRELATION, CUDNN_DATA_FLOAT),
-                         "describing a convolution"));
-  const cudnnMathType_t math =
-      precision == VggPrecision::kFloat ? CUDNN_FMA_MATH : CUDNN_DEFAULT_MATH;
-  STGS_TRY(cudnn_.status(cudnn_.set_math_type(convolution_, math), "choosing the precision"));
   STGS_TRY(cudnn_.status(relu_.create(cudnn_.create_activation, cudnn_.destroy_activation),
                          "describing a ReLU"));
   STGS_TRY(
       cudnn_.status(cudnn_.set_activation(relu_, CUDNN_ACTIVATION_RELU, CUDNN_PROPAGATE_NAN, 0.0),
                     "describing a ReLU"));
-  for (std::size_t i = 0; i < kLayers; ++i) {
-    const int in = input_channels(i), out = kVggLayers[i].out;
-    STGS_TRY(create_convolution(in, out, forward_[i]));
-    STGS_TRY(create_convolution(out, in, backward_[i]));
+  const cudnnMathType_t math =
+      precision == ConvolutionPrecision::kFloat ? CUDNN_FMA_MATH : CUDNN_DEFAULT_MATH;
+  for (std::size_t i = 0; i < stages_.size(); ++i) {
+    const FeatureStage& stage = network_->stages[i];
+    taps_ += stage.is_tap();
+    if (stage.is_pooling()) continue;
+    const int in = i == 0 ? kNetworkInputs : stage.in;
+    STGS_TRY(stages_[i].forward.create_forward(cudnn_, stage, in, math));
+    if (stage.window.stride > 1) continue;
+    STGS_TRY(stages_[i].backward.create_backward(cudnn_, stage, in, math));
   }
   return {};
 }
 
-Status CudnnPerceptual::create_convolution(int in, int out, Convolution& convolution) {
-  const char* operation = "describing a layer";
-  convolution.in = in;
-  convolution.out = out;
-  for (auto* tensor : {&convolution.input, &convolution.output, &convolution.bias_shape})
-    STGS_TRY(cudnn_.status(tensor->create(cudnn_.create_tensor, cudnn_.destroy_tensor), operation));
-  STGS_TRY(cudnn_.status(convolution.filter.create(cudnn_.create_filter, cudnn_.destroy_filter),
-                         operation));
-  STGS_TRY(cudnn_.status(
-      cudnn_.set_filter(convolution.filter, CUDNN_DATA_FLOAT, CUDNN_TENSOR_NHWC, out, in, 3, 3),
-      operation));
-  return cudnn_.status(
-      cudnn_.set_tensor(convolution.bias_shape, CUDNN_TENSOR_NHWC, CUDNN_DATA_FLOAT, 1, out, 1, 1),
-      operation);
-}
-
-Status CudnnPerceptual::set_shapes(Convolution& convolution, int images, const FeatureSize& size) {
-  const char* operation = "describing a layer's size";
-  STGS_TRY(cudnn_.status(cudnn_.set_tensor(convolution.input, CUDNN_TENSOR_NHWC, CUDNN_DATA_FLOAT,
-                                           images, convolution.in, size.height, size.width),
-                         operation));
-  return cudnn_.status(cudnn_.set_tensor(convolution.output, CUDNN_TENSOR_NHWC, CUDNN_DATA_FLOAT,
-                                         images, convolution.out, size.height, size.width),
-                       operation);
-}
-
 Status CudnnPerceptual::set_size(int width, int height) {
-  if (width == width_ && height == height_) return {};
-  // The size of the largest features, of both images; cuDNN uses 32-bit sizes.
-  if (std::int64_t{2} * width * height * kVggLayers[0].out > INT32_MAX) {
+  if (width == size_.width && height == size_.height) return {};
+  size_ = {width, height, kNetworkInputs};
+  std::size_t largest = size_.values();
+  for (std::size_t i = 0; i < stages_.size(); ++i) {
+    const FeatureStage& stage = network_->stages[i];
+    const FeatureSize& in = input_size(i);
+    stages_[i].size = {stage.window.count(in.width), stage.window.count(in.height), stage.out};
+    largest = std::max(largest, stages_[i].size.values());
+  }
+  if (2 * largest > INT32_MAX) {  // of both images; cuDNN uses 32-bit sizes
+    size_ = {};
     return unsupported(
         "patches of {}x{} pixels are too large for cuDNN; use a smaller perceptual_patch", width,
         height);
   }
-  width_ = width;
-  height_ = height;
-  for (std::size_t i = 0; i < kLayers; ++i) {
-    if (kVggLayers[i].pool_before) {
-      width /= 2;
-      height /= 2;
-    }
-    sizes_[i] = {width, height, kVggLayers[i].out};
-    STGS_TRY(set_shapes(forward_[i], 2, sizes_[i]));
-    STGS_TRY(set_shapes(backward_[i], 1, sizes_[i]));
+  for (std::size_t i = 0; i < stages_.size(); ++i) {
+    const FeatureStage& stage = network_->stages[i];
+    if (stage.is_pooling()) continue;
+    STGS_TRY(stages_[i].forward.set_size(2, input_size(i), stages_[i].size));
+    if (stage.window.stride > 1) continue;
+    STGS_TRY(stages_[i].backward.set_size(1, stages_[i].size, input_size(i)));
   }
   return {};
 }
 
-Result<std::size_t> CudnnPerceptual::workspace_bytes() {
+Result<std::size_t> CudnnPerceptual::workspace_bytes() const {
   std::size_t maximum = 0;
-  for (const auto* convolutions : {&forward_, &backward_}) {
-    for (const Convolution& c : *convolutions) {
-      std::size_t bytes = 0;
-      STGS_TRY(cudnn_.status(cudnn_.workspace_size(handle_, c.input, c.filter, convolution_,
-                                                   c.output, kAlgorithm, &bytes),
-                             "querying the workspace size"));
-      maximum = std::max(maximum, bytes);
-    }
+  for (std::size_t i = 0; i < stages_.size(); ++i) {
+    const FeatureStage& stage = network_->stages[i];
+    if (stage.is_pooling()) continue;
+    STGS_ASSIGN(const std::size_t forward, stages_[i].forward.workspace_bytes(handle_));
+    maximum = std::max(maximum, forward);
+    if (stage.window.stride > 1) continue;
+    STGS_ASSIGN(const std::size_t backward, stages_[i].backward.workspace_bytes(handle_));
+    maximum = std::max(maximum, backward);
   }
   return maximum;
 }
 
 std::size_t CudnnPerceptual::gradient_values() const {
-  std::size_t maximum = 0;
-  for (const FeatureSize& size : sizes_) maximum = std::max(maximum, size.values());
+  std::size_t maximum = size_.values();
+  for (const Stage& stage : stages_) maximum = std::max(maximum, stage.size.values());
   return maximum;
 }
 
 Result<std::size_t> CudnnPerceptual::bytes(int width, int height) {
   STGS_TRY(set_size(width, height));
   STGS_ASSIGN(const std::size_t workspace, workspace_bytes());
-  std::size_t values = 2 * kVggInputs * std::size_t{1} * width * height + 2 * gradient_values();
-  for (std::size_t i = 0; i < kLayers; ++i) {
-    values += 2 * sizes_[i].values() + forward_[i].weight_count() + backward_[i].weight_count();
-    if (kVggLayers[i].pool_before) values += 2 * sizes_[i].pixels() * forward_[i].in;
+  std::size_t values = 2 * size_.values() + 2 * gradient_values(), weights = 0;
+  for (const Stage& stage : stages_) {
+    values += 2 * stage.size.values();
+    weights += stage.forward.weight_bytes() + stage.backward.weight_bytes();
   }
-  return workspace + values * sizeof(float);
+  return workspace + values * sizeof(float) + weights;
 }
 
 Status CudnnPerceptual::reserve(int width, int height) {
@@ -246,38 +180,38 @@ Status CudnnPerceptual::reserve(int width, int height) {
   STGS_ASSIGN(const std::size_t workspace, workspace_bytes());
   // The algorithm needs no workspace for some shapes.
   STGS_TRY(workspace_.ensure(std::max<std::size_t>(workspace, 1)));
-  STGS_TRY(input_.ensure(2 * kVggInputs * std::size_t{1} * width * height));
+  STGS_TRY(input_.ensure(2 * size_.values()));
   STGS_TRY(gradient_.ensure(gradient_values()));
   STGS_TRY(next_gradient_.ensure(gradient_values()));
-  for (std::size_t i = 0; i < kLayers; ++i) {
-    STGS_TRY(features_[i].ensure(2 * sizes_[i].values()));
-    if (kVggLayers[i].pool_before)
-      STGS_TRY(pooled_[i].ensure(2 * sizes_[i].pixels() * forward_[i].in));
-  }
-  STGS_TRY(sums_.ensure(kVggTaps * kVggBlocks));
-  STGS_TRY(map_parts_.ensure(kMapGradients * kVggBlocks));
+  for (Stage& stage : stages_) STGS_TRY(stage.features.ensure(2 * stage.size.values()));
+  STGS_TRY(sums_.ensure(std::size_t{1} * taps_ * kPerceptualBlocks));
+  STGS_TRY(map_parts_.ensure(kMapGradients * kPerceptualBlocks));
   STGS_TRY(value_.ensure(1));
-  return upload_weights();
+  return upload_network();
 }
 
-Status CudnnPerceptual::upload_weights() {
-  for (std::size_t i = 0; i < kLayers; ++i) {
-    const VggConvolution& convolution = network_->convolutions[i];
-    const int in = input_channels(i);
-    STGS_TRY(upload(forward_weights(convolution, kVggLayers[i], in), forward_[i].weights));
-    STGS_TRY(upload(convolution.bias, forward_[i].bias));
-    STGS_TRY(upload(backward_weights(convolution, kVggLayers[i], in), backward_[i].weights));
+Status CudnnPerceptual::upload_network() {
+  for (std::size_t i = 0; i < stages_.size(); ++i) {
+    const FeatureStage& stage = network_->stages[i];
+    if (stage.is_tap()) STGS_TRY(upload_weights(stage.channel_weights, stages_[i].channel_weights));
+    if (stage.is_pooling()) continue;
+    STGS_TRY(stages_[i].forward.upload());
+    if (stage.window.stride > 1) {
+      const int taps = stage.window.size * stage.window.size;
+      STGS_TRY(upload_weights(weights_by_tap(stage.weight, stage.in, stage.out, taps),
+                              strided_weights_));
+    } else {
+      STGS_TRY(stages_[i].backward.upload());
+    }
   }
-  for (int tap = 0; tap < kVggTaps; ++tap)
-    STGS_TRY(upload(network_->channel_weights[tap], channel_weights_[tap]));
   return {};
 }
 
 Status CudnnPerceptual::enqueue(const PerceptualStep& step, cudaStream_t stream) {
-  launch_vgg_input(step, input_.data(), stream);
+  launch_network_input(step, input_.data(), stream);
   STGS_TRY(pass(step.patch.width, step.patch.height, stream));
-  launch_vgg_gradient(step, input_gradient_, map_parts_.data(), stream);
-  launch_vgg_totals(step, sums_.data(), map_parts_.data(), value_.data(), stream);
+  launch_input_gradient(step, input_gradient_, map_parts_.data(), stream);
+  launch_totals(step, sums_.data(), taps_, map_parts_.data(), value_.data(), stream);
   return cuda_status(cudaGetLastError(), "starting the perceptual loss");
 }
 
@@ -307,7 +241,7 @@ Status CudnnPerceptual::record(cudaStream_t stream) {
       cuda_status(cudaStreamBeginCapture(stream, cudaStreamCaptureModeThreadLocal), operation));
   const Status run_status = run(stream);
   const cudaError_t capture_error = cudaStreamEndCapture(stream, &graph);
-  RecordedPass recorded{width_, height_, {}};
+  RecordedPass recorded{size_.width, size_.height, {}};
   Status status = run_status.ok() ? cuda_status(capture_error, operation) : run_status;
   if (status.ok()) status = cuda_status(recorded.graph.create(graph), operation);
   if (graph != nullptr) cudaGraphDestroy(graph);
@@ -321,65 +255,63 @@ Status CudnnPerceptual::run(cudaStream_t stream) {
   return backward(stream);
 }
 
-Status CudnnPerceptual::convolve_forward(std::size_t layer, const float* input) {
-  const float one = 1.0f, zero = 0.0f;
-  const Convolution& c = forward_[layer];
-  float* output = features_[layer].data();
-  return cudnn_.status(cudnn_.convolve_bias_activation(
-                           handle_, &one, c.input, input, c.filter, c.weights.data(), convolution_,
-                           kAlgorithm, workspace_.data(), workspace_.capacity(), &zero, c.output,
-                           output, c.bias_shape, c.bias.data(), relu_, c.output, output),
-                       "convolving forward");
-}
-
 Status CudnnPerceptual::forward(cudaStream_t stream) {
   const float* in = input_.data();
-  for (std::size_t i = 0; i < kLayers; ++i) {
-    if (kVggLayers[i].pool_before) {
-      launch_vgg_pool(in, sizes_[i - 1], pooled_[i].data(), stream);
-      in = pooled_[i].data();
+  for (std::size_t i = 0; i < stages_.size(); ++i) {
+    Stage& stage = stages_[i];
+    if (network_->stages[i].is_pooling()) {
+      launch_pool(in, input_size(i), network_->stages[i].window, stage.size, stage.features.data(),
+                  stream);
+    } else {
+      STGS_TRY(stage.forward.apply(handle_, relu_, in, workspace(), stage.features.data()));
     }
-    STGS_TRY(convolve_forward(i, in));
-    in = features_[i].data();
+    in = stage.features.data();
   }
   return {};
 }
 
 Status CudnnPerceptual::backward(cudaStream_t stream) {
-  const float one = 1.0f, zero = 0.0f;
   float *gradient = gradient_.data(), *next = next_gradient_.data();
-  for (std::size_t i = kLayers; i-- > 0;) {
-    // `gradient` is that of this layer's output, after a pooling if one follows.
-    const bool pooled = i + 1 < kLayers && kVggLayers[i + 1].pool_before;
-    if (const int tap = kVggLayers[i].tap; tap >= 0) {
-      launch_tap_backward({sizes_[i], features_[i].data(), channel_weights_[tap].data(),
-                           pooled ? pooled_[i + 1].data() : nullptr, pooled ? gradient : nullptr,
-                           next, sums_.data() + tap * kVggBlocks},
-                          stream);
+  int tap = taps_;
+  for (std::size_t i = stages_.size(); i-- > 0;) {
+    // `gradient` is that of this stage's output. The kernel of a tap computes the backward pass of
+    // a pooling after it too.
+    if (network_->stages[i].is_pooling()) continue;
+    Stage& stage = stages_[i];
+    if (network_->stages[i].is_tap()) {
+      TapBackward step;
+      step.size = stage.size;
+      step.features = stage.features.data();
+      step.weights = stage.channel_weights.data();
+      step.d_output = i + 1 < stages_.size() ? gradient : nullptr;
+      if (i + 1 < stages_.size() && network_->stages[i + 1].is_pooling()) {
+        step.window = network_->stages[i + 1].window;
+        step.pooled_size = stages_[i + 1].size;
+        step.pooled = stages_[i + 1].features.data();
+      }
+      step.gradient = next;
+      step.sums = sums_.data() + std::size_t{1} * --tap * kPerceptualBlocks;
+      launch_tap_backward(step, stream);
       std::swap(gradient, next);
     } else {
-      launch_relu_backward(features_[i].data(), sizes_[i], gradient, stream);
+      launch_relu_backward(stage.features.data(), stage.size, gradient, stream);
     }
-    const Convolution& c = backward_[i];
-    STGS_TRY(
-        cudnn_.status(cudnn_.convolve(handle_, &one, c.input, gradient, c.filter, c.weights.data(),
-                                      convolution_, kAlgorithm, workspace_.data(),
-                                      workspace_.capacity(), &zero, c.output, next),
-                      "convolving backward"));
+    STGS_TRY(convolve_backward(i, gradient, next, stream));
     std::swap(gradient, next);
   }
   input_gradient_ = gradient;
   return {};
 }
 
-// Every pooling follows a tap, whose kernel computes the backward pass of both.
-constexpr bool taps_before_pools() {
-  for (std::size_t i = 1; i < kLayers; ++i) {
-    if (kVggLayers[i].pool_before && kVggLayers[i - 1].tap < 0) return false;
-  }
-  return kVggLayers[kLayers - 1].tap >= 0;
+Status CudnnPerceptual::convolve_backward(std::size_t stage, const float* gradient, float* next,
+                                          cudaStream_t stream) {
+  const Window& window = network_->stages[stage].window;
+  if (window.stride == 1)
+    return stages_[stage].backward.apply(handle_, nullptr, gradient, workspace(), next);
+  launch_strided_backward({stages_[stage].size, size_, window, strided_weights_.data()}, gradient,
+                          next, stream);
+  return {};
 }
-static_assert(taps_before_pools());
 
 }  // namespace
 
@@ -388,7 +320,7 @@ Status check_perceptual_network() {
 }
 
 Result<std::unique_ptr<PerceptualNetwork>> make_perceptual_network(
-    std::shared_ptr<const Vgg16> network, VggPrecision precision) {
+    std::shared_ptr<const FeatureNetwork> network, ConvolutionPrecision precision) {
   auto made = std::make_unique<CudnnPerceptual>(std::move(network));
   STGS_TRY(made->create(precision));
   return std::unique_ptr<PerceptualNetwork>(std::move(made));

@@ -10,8 +10,8 @@ Status check_perceptual_network() {
       "available, omit --perceptual-weights or use --backend cpu");
 }
 
-Result<std::unique_ptr<PerceptualNetwork>> make_perceptual_network(std::shared_ptr<const Vgg16>,
-                                                                   VggPrecision) {
+Result<std::unique_ptr<PerceptualNetwork>> make_perceptual_network(
+    std::shared_ptr<const FeatureNetwork>, ConvolutionPrecision) {
   return check_perceptual_network();
 }
 

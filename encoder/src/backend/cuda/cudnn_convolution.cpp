@@ -1,0 +1,124 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "backend/cuda/cudnn_convolution.h"
+
+namespace stgs::encoder::cuda {
+namespace {
+
+// Deterministic, available for all shapes, and supports the tensor cores.
+constexpr cudnnConvolutionFwdAlgo_t kAlgorithm = CUDNN_CONVOLUTION_FWD_ALGO_IMPLICIT_PRECOMP_GEMM;
+
+// Converts weights from out x in x taps to out x taps x in_stored, zero-padding the inputs.
+std::vector<float> forward_weights(const FeatureStage& stage, int in_stored) {
+  const int taps = stage.window.size * stage.window.size;
+  std::vector<float> weights(std::size_t{1} * taps * in_stored * stage.out);
+  for (int o = 0; o < stage.out; ++o) {
+    for (int c = 0; c < stage.in; ++c) {
+      for (int tap = 0; tap < taps; ++tap)
+        weights[(std::size_t{1} * taps * o + tap) * in_stored + c] =
+            stage.weight[(std::size_t{1} * o * stage.in + c) * taps + tap];
+    }
+  }
+  return weights;
+}
+
+// Returns the weights that map dL/doutput to dL/dinput: flipped, in_stored x taps x out.
+std::vector<float> backward_weights(const FeatureStage& stage, int in_stored) {
+  const int taps = stage.window.size * stage.window.size;
+  std::vector<float> weights(std::size_t{1} * taps * in_stored * stage.out);
+  for (int o = 0; o < stage.out; ++o) {
+    for (int c = 0; c < stage.in; ++c) {
+      for (int tap = 0; tap < taps; ++tap)
+        weights[(std::size_t{1} * taps * c + taps - 1 - tap) * stage.out + o] =
+            stage.weight[(std::size_t{1} * o * stage.in + c) * taps + tap];
+    }
+  }
+  return weights;
+}
+
+}  // namespace
+
+Status upload_weights(const std::vector<float>& values, DeviceArray<float>& array) {
+  STGS_TRY(array.ensure(values.size()));
+  return cuda_status(cudaMemcpy(array.data(), values.data(), values.size() * sizeof(float),
+                                cudaMemcpyHostToDevice),
+                     "uploading the weights of the perceptual loss");
+}
+
+Status CudnnConvolution::create_forward(const Cudnn& cudnn, const FeatureStage& stage, int in,
+                                        cudnnMathType_t math) {
+  weight_ = forward_weights(stage, in);
+  bias_ = stage.bias;
+  return describe(cudnn, stage.window, in, stage.out, math);
+}
+
+Status CudnnConvolution::create_backward(const Cudnn& cudnn, const FeatureStage& stage, int in,
+                                         cudnnMathType_t math) {
+  weight_ = backward_weights(stage, in);
+  Window window = stage.window;
+  window.padding = window.size - 1 - window.padding;
+  return describe(cudnn, window, stage.out, in, math);
+}
+
+Status CudnnConvolution::describe(const Cudnn& cudnn, const Window& window, int in, int out,
+                                  cudnnMathType_t math) {
+  const char* operation = "describing a layer";
+  cudnn_ = &cudnn;
+  STGS_TRY(cudnn.status(convolution_.create(cudnn.create_convolution, cudnn.destroy_convolution),
+                        operation));
+  STGS_TRY(cudnn.status(
+      cudnn.set_convolution(convolution_, window.padding, window.padding, window.stride,
+                            window.stride, 1, 1, CUDNN_CROSS_CORRELATION, CUDNN_DATA_FLOAT),
+      operation));
+  STGS_TRY(cudnn.status(cudnn.set_math_type(convolution_, math), "choosing the precision"));
+  for (auto* tensor : {&input_, &output_, &bias_shape_})
+    STGS_TRY(cudnn.status(tensor->create(cudnn.create_tensor, cudnn.destroy_tensor), operation));
+  STGS_TRY(cudnn.status(filter_.create(cudnn.create_filter, cudnn.destroy_filter), operation));
+  STGS_TRY(cudnn.status(cudnn.set_filter(filter_, CUDNN_DATA_FLOAT, CUDNN_TENSOR_NHWC, out, in,
+                                         window.size, window.size),
+                        operation));
+  return cudnn.status(
+      cudnn.set_tensor(bias_shape_, CUDNN_TENSOR_NHWC, CUDNN_DATA_FLOAT, 1, out, 1, 1), operation);
+}
+
+Status CudnnConvolution::set_size(int images, const FeatureSize& input, const FeatureSize& output) {
+  const char* operation = "describing a layer's size";
+  STGS_TRY(cudnn_->status(cudnn_->set_tensor(input_, CUDNN_TENSOR_NHWC, CUDNN_DATA_FLOAT, images,
+                                             input.channels, input.height, input.width),
+                          operation));
+  return cudnn_->status(cudnn_->set_tensor(output_, CUDNN_TENSOR_NHWC, CUDNN_DATA_FLOAT, images,
+                                           output.channels, output.height, output.width),
+                        operation);
+}
+
+Result<std::size_t> CudnnConvolution::workspace_bytes(cudnnHandle_t handle) const {
+  std::size_t bytes = 0;
+  STGS_TRY(cudnn_->status(
+      cudnn_->workspace_size(handle, input_, filter_, convolution_, output_, kAlgorithm, &bytes),
+      "querying the workspace size"));
+  return bytes;
+}
+
+Status CudnnConvolution::upload() {
+  STGS_TRY(upload_weights(weight_, device_weight_));
+  return bias_.empty() ? Status() : upload_weights(bias_, device_bias_);
+}
+
+Status CudnnConvolution::apply(cudnnHandle_t handle, cudnnActivationDescriptor_t relu,
+                               const float* input, const CudnnWorkspace& workspace,
+                               float* output) const {
+  const float one = 1.0f, zero = 0.0f;
+  if (bias_.empty()) {
+    return cudnn_->status(
+        cudnn_->convolve(handle, &one, input_, input, filter_, device_weight_.data(), convolution_,
+                         kAlgorithm, workspace.data, workspace.bytes, &zero, output_, output),
+        "convolving backward");
+  }
+  return cudnn_->status(
+      cudnn_->convolve_bias_activation(handle, &one, input_, input, filter_, device_weight_.data(),
+                                       convolution_, kAlgorithm, workspace.data, workspace.bytes,
+                                       &zero, output_, output, bias_shape_, device_bias_.data(),
+                                       relu, output_, output),
+      "convolving forward");
+}
+
+}  // namespace stgs::encoder::cuda
