@@ -2,7 +2,10 @@
 // Depth that other views contradict, in front of a wall that they confirm.
 #include "init/carved_depth.h"
 
+#include <algorithm>
+
 #include "catch.h"
+#include "init/static_points.h"
 
 using namespace stgs;
 using namespace stgs::encoder;
@@ -72,4 +75,23 @@ TEST_CASE("depth stays where every depth is contradicted") {
   surfaces[0].depth.setTo(3, surfaces[0].weight <= 0);
   carve(surfaces);
   CHECK(std::abs(surfaces[0].depth.at<float>(kPixel) - 3) < 1e-5);
+}
+
+TEST_CASE("swept depth contradicts no interpolated point, and choosing points keeps its weights") {
+  StaticScene scene;
+  scene.range = {2, 20, true};
+  for (const double x : {0.0, 1.0, -1.0}) {
+    Surface& surface = scene.surfaces.emplace_back(surface_at(x));
+    surface.weight.setTo(1, surface.weight > 0);
+    scene.usable.emplace_back(surface.weight.size(), CV_8U, cv::Scalar(255));
+  }
+  Surface& first = scene.surfaces[0];
+  first.weight(cv::Rect(kPixel.x - 8, kPixel.y - 8, 16, 16)).setTo(0);
+  first.depth.setTo(5, first.weight <= 0);
+  const cv::Mat weight = first.weight.clone();
+  choose_static_points({}, 5000, &scene);
+  CHECK(cv::norm(first.weight, weight, cv::NORM_INF) == 0);
+  CHECK(scene.filled > 0);
+  CHECK(std::any_of(scene.points.begin(), scene.points.end(),
+                    [](const SurfacePoint& point) { return point.position[2] < 6; }));
 }

@@ -341,6 +341,7 @@ void choose_static_points(const std::vector<SurfacePoint>& sparse, int limit, St
   scene->swept = int(scene->points.size()) - scene->sparse;
   std::vector<Surface> holes = scene->surfaces;
   for (std::size_t i = 0; i < holes.size(); ++i) {
+    holes[i].weight = cv::Mat();  // that of the surface must not change
     scene->usable[i].convertTo(holes[i].weight, CV_32F);
   }
   for (int wide = std::max(4, block);; wide = wide * 5 / 4 + 1) {
