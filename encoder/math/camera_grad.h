@@ -9,11 +9,13 @@
 STGS_MATH_BEGIN
 
 // Gradient with respect to a small motion of the camera, which takes a camera point c to
-// c + rotation x c + translation, and to the logarithm of both focal lengths.
+// c + rotation x c + translation, to the logarithm of both focal lengths, and to the distortion of
+// the lens (lens.h), of which the change of shapes is left out.
 struct CameraGrad {
   Vec3 rotation;     // radians, camera axes
   Vec3 translation;  // scene units, camera axes
   float log_focal;
+  float distortion;
 };
 
 // Returns the gradient through project_gaussian and through the direction of view, on which the
@@ -51,6 +53,10 @@ STGS_FN CameraGrad project_gaussian_camera_grad(PinholeCamera camera, Vec3 mean,
   float iz = 1.0f / c.z;
   out.log_focal = grad.mean.x * camera.fx * c.x * iz + grad.mean.y * camera.fy * c.y * iz +
                   2.0f * (d.xx * sharp.xx + d.xy * sharp.xy + d.yy * sharp.yy);
+  float x0 = c.x * iz;
+  float y0 = c.y * iz;
+  out.distortion =
+      (grad.mean.x * camera.fx * x0 + grad.mean.y * camera.fy * y0) * (x0 * x0 + y0 * y0);
   return out;
 }
 

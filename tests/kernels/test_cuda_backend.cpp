@@ -27,7 +27,7 @@ std::vector<float> flatten(const std::vector<ColourMap>& maps) {
 
 std::vector<float> values_of(const math::CameraGrad& camera) {
   const math::Vec3 r = camera.rotation, t = camera.translation;
-  return {r.x, r.y, r.z, t.x, t.y, t.z, camera.log_focal};
+  return {r.x, r.y, r.z, t.x, t.y, t.z, camera.log_focal, camera.distortion};
 }
 
 }  // namespace
@@ -39,6 +39,7 @@ TEST_CASE("one CUDA step has the losses, statistics and gradients of the CPU") {
     const auto reference = make_cpu_backend();
     const auto with_camera = [&c](StepInput& input) {
       input.gather_camera = true;
+      if (c.sh_degree % 2 == 1) input.lens = {0.05f, -0.2f};
       input.kernel = c.sh_degree % 2 == 0 ? math::kBandLimited : math::kDilated;
       input.background_is_mapped = c.sh_degree % 2 == 1;
     };
@@ -73,6 +74,7 @@ TEST_CASE("one CUDA step has the losses, statistics and gradients of the CPU") {
     compare("colour map", flatten(cpu.colour), flatten(gpu.colour), 1e-4);
     REQUIRE(found[0].camera);
     compare("camera", values_of(*expected[0].camera), values_of(*found[0].camera), 3e-3);
+    CHECK(found[0].vignetting == Approx(expected[0].vignetting).epsilon(1e-3));
   }
 }
 

@@ -66,8 +66,8 @@ void TrainOptions::declare(Arguments& app, bool with_packing) {
       ->group(group);
   app.add_flag(
          "--refine-cameras", settings_.refine_cameras,
-         "Refine the poses and focal lengths of the training cameras with the scene; --format "
-         "json lists them")
+         "Refine poses, focal lengths, distortion and vignetting of the training cameras with the "
+         "scene; --format json lists them")
       ->group(group);
   app.add_flag("--foreground", settings_.foreground,
                "Train only the content inside the masks of the capture, with its alpha")
@@ -184,6 +184,9 @@ Json to_json(const std::vector<encoder::RefinedCamera>& cameras) {
     camera["shift"] = refined.shift;
     camera["zoom"] = refined.zoom;
     camera["pixels"] = refined.pixels;
+    camera["distortion"] = refined.distortion;
+    camera["corner_pixels"] = refined.corner_pixels;
+    camera["corner_brightness"] = refined.corner_brightness;
     json.push_back(std::move(camera));
   }
   return json;

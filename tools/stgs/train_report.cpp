@@ -83,8 +83,10 @@ Rows refined(const encoder::TrainReport& report) {
     rows.emplace_back(
         camera.camera.name,
         fmt::format("{:.2f} pixels: {:.2f} degrees, {:.2f} % of the distance, {:.2f} "
-                    "% of the focal length",
-                    camera.pixels, camera.degrees, 100 * camera.shift, 100 * (camera.zoom - 1)));
+                    "% of the focal length; {:.2f} pixels of distortion and {:.0f} % of the "
+                    "brightness in the corners",
+                    camera.pixels, camera.degrees, 100 * camera.shift, 100 * (camera.zoom - 1),
+                    camera.corner_pixels, 100 * camera.corner_brightness));
   }
   return rows;
 }

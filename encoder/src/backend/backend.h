@@ -14,6 +14,7 @@
 
 #include "math/camera_grad.h"
 #include "math/damp.h"
+#include "math/lens.h"
 #include "perceptual/feature_network.h"
 #include "perceptual/patch.h"
 #include "stgs/encoder/prepared_capture.h"
@@ -40,6 +41,7 @@ struct StepInput {
   math::PinholeCamera camera;
   float ticks = 0;                 // time, frames
   TrainingImage ground_truth;      // of the camera's size
+  math::Lens lens{0, 0};           // undone in the ground truth before the losses
   std::size_t colour_index = 0;    // of the colour correction to use
   math::Vec3 background{0, 0, 0};  // sRGB-encoded
   // Whether the background is a colour of the image after the colour map, as in foreground
@@ -55,7 +57,7 @@ struct StepInput {
   bool learn_radius = true;                // false: r is constant
   bool second_stage = false;               // L_opacity is on
   bool gather_statistics = false;          // for densification
-  bool gather_camera = false;              // compute StepOutput::camera
+  bool gather_camera = false;              // compute StepOutput::camera and ::vignetting
   std::array<float, kAttributes> rates{};  // learning rates; kSh: of SH degrees above 0
   float rate_sh0 = 0;
   AdamBetas betas;  // of the primitives; differ from Adam's defaults only with a batch
@@ -77,6 +79,7 @@ struct StepOutput {
   double perceptual = 0;                   // L_lpips of the patch before weighting; 0 if it is off
   std::size_t visible = 0;                 // primitives rendered
   std::optional<math::CameraGrad> camera;  // gradient of L_recon, if it is gathered
+  float vignetting = 0;                    // also: with respect to the vignetting of the lens
 };
 
 enum class DensifyStep { kGrow, kReplace, kRelocate };

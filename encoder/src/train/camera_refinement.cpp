@@ -13,8 +13,8 @@
 namespace stgs::encoder {
 namespace {
 
-// Entries of a CameraCorrection.
-constexpr std::size_t kTurn = 0, kShift = 3, kFocal = 6;
+// Rates of the lens, over that of angles, so that the steps of a run reach common lenses.
+constexpr double kDistortionRate = 4, kVignettingRate = 30;
 
 // A run has tens of steps of a camera, of which each uses several views.
 constexpr AdamBetas kBetas = {0.9f, 0.99f};
@@ -37,6 +37,10 @@ void turn(const CameraCorrection& w, const double v[3], double out[3]) {
   const double twice[3] = {y * cross[2] - z * cross[1], z * cross[0] - x * cross[2],
                            x * cross[1] - y * cross[0]};
   for (int k = 0; k < 3; ++k) out[k] = v[k] + s * cross[k] + c * twice[k];
+}
+
+void limit(float& value, float most) {
+  value = std::clamp(value, -most, most);
 }
 
 // Shortens a vector by a length, or to 0.
@@ -84,6 +88,7 @@ Vector position_of(const Camera& camera, const PreparedCapture& capture) {
 struct CommonMotion {
   Vector turn{}, shift{};
   double growth = 0, log_focal = 0;
+  double distortion = 0, vignetting = 0;  // that most lenses share
 };
 
 // Returns the motion that most cameras share by their corrections: medians over the cameras.
@@ -91,7 +96,7 @@ CommonMotion common_motion(const PreparedCapture& capture, const std::vector<Cam
                            const std::vector<CameraCorrection>& corrections) {
   CommonMotion common;
   std::vector<Vector> turns, shifts;
-  std::vector<double> growths, zooms;
+  std::vector<double> growths, zooms, distortions, vignettings;
   for (std::size_t c = 0; c < cameras.size(); ++c) {
     const double* r = cameras[c].rotation;
     const CameraCorrection& w = corrections[c];
@@ -99,10 +104,14 @@ CommonMotion common_motion(const PreparedCapture& capture, const std::vector<Cam
     for (std::size_t k = 0; k < 3; ++k)
       turn[k] = -(r[k] * w[0] + r[3 + k] * w[1] + r[6 + k] * w[2]);
     turns.push_back(turn);
-    zooms.push_back(w[kFocal]);
+    zooms.push_back(w[kLogFocal]);
+    distortions.push_back(w[kDistortion]);
+    vignettings.push_back(w[kVignetting]);
   }
   common.turn = medians_of(turns);
   common.log_focal = median_value(std::move(zooms));
+  common.distortion = median_value(std::move(distortions));
+  common.vignetting = median_value(std::move(vignettings));
   for (std::size_t c = 0; c < cameras.size(); ++c) {
     const Vector from = position_of(cameras[c], capture);
     const Vector to = position_of(corrected(cameras[c], corrections[c]), capture);
@@ -135,7 +144,9 @@ void remove_motion(const PreparedCapture& capture, const Camera& camera, const C
     correction[kTurn + k] += static_cast<float>(row[0] * common.turn[0] + row[1] * common.turn[1] +
                                                 row[2] * common.turn[2]);
   }
-  correction[kFocal] -= static_cast<float>(common.log_focal);
+  correction[kLogFocal] -= static_cast<float>(common.log_focal);
+  correction[kDistortion] -= static_cast<float>(common.distortion);
+  correction[kVignetting] -= static_cast<float>(common.vignetting);
   // The shift that puts the centre where it is without the motion.
   const Camera after = corrected(camera, correction);
   for (std::size_t k = 0; k < 3; ++k) {
@@ -178,6 +189,13 @@ double displacement(const PreparedCapture& capture, const Camera& before, const 
   return points > 0 ? std::sqrt(square / points) : 0;
 }
 
+// Returns the distance in pixels by which a distortion moves content in the corners of an image.
+double corner_displacement(const Camera& camera, double distortion) {
+  const double x = 0.5 * camera.width / camera.fx, y = 0.5 * camera.height / camera.fy;
+  return std::abs(distortion) * (x * x + y * y) *
+         std::hypot(0.5 * camera.width, 0.5 * camera.height);
+}
+
 }  // namespace
 
 Camera corrected(const Camera& camera, const CameraCorrection& correction) {
@@ -191,10 +209,14 @@ Camera corrected(const Camera& camera, const CameraCorrection& correction) {
   }
   turn(correction, camera.translation, out.translation);
   for (int k = 0; k < 3; ++k) out.translation[k] += double{correction[kShift + k]};
-  const double zoom = std::exp(double{correction[kFocal]});
+  const double zoom = std::exp(double{correction[kLogFocal]});
   out.fx *= zoom;
   out.fy *= zoom;
   return out;
+}
+
+math::Lens lens_of(const CameraCorrection& correction) {
+  return {correction[kDistortion], correction[kVignetting]};
 }
 
 PreparedCapture with_refined_cameras(const PreparedCapture& capture, const TrainState& state) {
@@ -214,9 +236,11 @@ void begin_refinement(std::size_t cameras, TrainState& state) {
   state.camera_views.assign(cameras, 0);
 }
 
-void add_camera_gradient(TrainState& state, std::size_t camera, const math::CameraGrad& gradient) {
+void add_camera_gradient(TrainState& state, std::size_t camera, const math::CameraGrad& gradient,
+                         float vignetting) {
   const math::Vec3 r = gradient.rotation, t = gradient.translation;
-  const CameraCorrection view = {r.x, r.y, r.z, t.x, t.y, t.z, gradient.log_focal};
+  const CameraCorrection view = {
+      r.x, r.y, r.z, t.x, t.y, t.z, gradient.log_focal, gradient.distortion, vignetting};
   CameraCorrection& sum = state.camera_sums[camera];
   for (std::size_t k = 0; k < view.size(); ++k) sum[k] += view[k];
   ++state.camera_views[camera];
@@ -250,7 +274,11 @@ void update_cameras(const PreparedCapture& capture, float rate, float pull, Trai
     };
     step(kTurn, 3, rate);
     step(kShift, 3, rate * scene_distance(capture, cameras[c]));
-    step(kFocal, 1, rate);
+    step(kLogFocal, 1, rate);
+    step(kDistortion, 1, kDistortionRate * rate);
+    step(kVignetting, 1, kVignettingRate * rate);
+    limit(camera[kDistortion], kMaxDistortion);
+    limit(camera[kVignetting], kMaxVignetting);
   }
   undo_common_motion(capture, cameras, state.cameras);
 }
@@ -269,8 +297,11 @@ std::vector<RefinedCamera> refined_cameras(const PreparedCapture& capture,
     const RigPose from = rig_pose(capture.cameras[i]), to = rig_pose(out.camera);
     const double away = scene_distance(capture, capture.cameras[i]);
     out.shift = away > 0 ? distance(from.centre, to.centre) / away : 0;
-    out.zoom = std::exp(double{state.cameras[index][kFocal]});
+    out.zoom = std::exp(double{state.cameras[index][kLogFocal]});
     out.pixels = displacement(capture, capture.cameras[i], out.camera);
+    out.distortion = state.cameras[index][kDistortion];
+    out.corner_pixels = corner_displacement(out.camera, out.distortion);
+    out.corner_brightness = 1 + double{state.cameras[index][kVignetting]};
   }
   return refined;
 }

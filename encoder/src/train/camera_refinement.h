@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// Refinement of the training cameras: small corrections of poses and focal lengths, learnt with the
-// scene.
+// Refinement of the training cameras: small corrections of poses, focal lengths, distortion and
+// vignetting, learnt with the scene.
 #pragma once
 
 #include <cstddef>
 #include <vector>
 
 #include "math/camera_grad.h"
+#include "math/lens.h"
 #include "stgs/encoder/prepared_capture.h"
 #include "stgs/encoder/train.h"
 #include "train/train_state.h"
@@ -15,19 +16,22 @@ namespace stgs::encoder {
 
 // Returns the camera with a correction applied.
 Camera corrected(const Camera& camera, const CameraCorrection& correction);
-// Returns the capture with the training cameras as they are now.
+// Returns the lens of a correction.
+math::Lens lens_of(const CameraCorrection& correction);
+// Returns the capture with the training cameras as they are now, without their lenses.
 PreparedCapture with_refined_cameras(const PreparedCapture& capture, const TrainState& state);
 
 // Sets up the refinement of `cameras` training cameras, without corrections.
 void begin_refinement(std::size_t cameras, TrainState& state);
-// Adds the gradient of a view of a camera to those that the next update uses.
-void add_camera_gradient(TrainState& state, std::size_t camera, const math::CameraGrad& gradient);
+// Adds the gradients of a view of a camera to those that the next update uses.
+void add_camera_gradient(TrainState& state, std::size_t camera, const math::CameraGrad& gradient,
+                         float vignetting);
 // Applies an Adam step with the mean gradient of the views since the last update to every camera
 // that has some. `rate`: of angles (radians), of shifts over the distance to the centre of the
-// scene, and of the logarithm of the focal length. A step moves an angle by at most the rate, and
-// by much less if the views disagree on its direction; it then takes back `pull` times the rate. So
-// a camera keeps its calibration unless its views agree that it is wrong. A motion or change of
-// size that most cameras share is undone, because it is one of the scene, which other cameras would
+// scene, of the logarithm of the focal length, and of the lens. A step moves an angle by at most
+// the rate, and by much less if the views disagree on its direction; it then takes back `pull`
+// times the rate. So a camera keeps its calibration unless its views agree that it is wrong. A
+// motion, a change of size or a lens that most cameras share is undone, because other cameras would
 // not follow.
 void update_cameras(const PreparedCapture& capture, float rate, float pull, TrainState& state);
 

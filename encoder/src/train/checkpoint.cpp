@@ -17,7 +17,7 @@ namespace stgs::encoder {
 namespace {
 
 // The last byte is the layout version; the others never change.
-constexpr char kMagic[8] = {'S', 'T', 'G', 'S', 'C', 'K', 'P', '5'};
+constexpr char kMagic[8] = {'S', 'T', 'G', 'S', 'C', 'K', 'P', '6'};
 constexpr std::size_t kLayout = sizeof(kMagic) - 1;
 
 class Writer {
@@ -199,9 +199,12 @@ bool are_usable(const TrainState& state) {
   };
   const float most = std::numeric_limits<float>::max();
   return within(state.cameras, -kMaxCorrection, kMaxCorrection) &&
-         std::all_of(
-             state.cameras.begin(), state.cameras.end(),
-             [](const CameraCorrection& c) { return std::abs(c.back()) <= kMaxLogFocal; }) &&
+         std::all_of(state.cameras.begin(), state.cameras.end(),
+                     [](const CameraCorrection& c) {
+                       return std::abs(c[kLogFocal]) <= kMaxLogFocal &&
+                              std::abs(c[kDistortion]) <= kMaxDistortion &&
+                              std::abs(c[kVignetting]) <= kMaxVignetting;
+                     }) &&
          within(state.cameras_first, -most, most) && within(state.cameras_second, 0, most) &&
          within(state.camera_sums, -most, most) &&
          std::all_of(state.camera_updates.begin(), state.camera_updates.end(),

@@ -49,8 +49,11 @@ using ColourMap = std::array<float, 12>;
 inline constexpr ColourMap kIdentityColour = {1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0};
 
 // Correction of a training camera (camera_refinement.h): c' = exp([turn]) c + shift for points c in
-// camera space, turn in radians and shift in scene units, then the logarithm of the focal factor.
-using CameraCorrection = std::array<float, 7>;
+// camera space, turn in radians and shift in scene units, then the logarithm of the focal factor,
+// and the lens (math/lens.h).
+using CameraCorrection = std::array<float, 9>;
+inline constexpr std::size_t kTurn = 0, kShift = 3, kLogFocal = 6, kDistortion = 7, kVignetting = 8;
+inline constexpr float kMaxDistortion = 0.3f, kMaxVignetting = 0.6f;  // absolute values
 
 struct CoupledParameters {
   float tick = 0;        // units of time per frame; 0: not in use, all arrays are empty

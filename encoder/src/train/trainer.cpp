@@ -217,6 +217,7 @@ Result<StepInput> Trainer::step_input() {
   const DensifyPlan plan = densify_plan(p, ablation_, progress, false);
   input.second_stage = plan.second_stage || state_.second_stage != 0;
   input.gather_camera = refines_cameras();
+  if (!state_.cameras.empty()) input.lens = lens_of(state_.cameras[camera]);
   input.gather_statistics = plan.gather;
   set_schedule(p, capture_, progress, state_.is_coupled(), input);
   if (with_normals() && progress >= p.normal_from)
@@ -243,14 +244,16 @@ Status Trainer::read_steps() {
     last_ = output;
     if (output.camera) {
       const math::Vec3 r = output.camera->rotation, t = output.camera->translation;
-      if (!std::isfinite(r.x + r.y + r.z + t.x + t.y + t.z + output.camera->log_focal)) {
+      if (!std::isfinite(r.x + r.y + r.z + t.x + t.y + t.z + output.camera->log_focal +
+                         output.camera->distortion + output.vignetting)) {
         return runtime_error(
             "training diverged at iteration {}: the gradient of a camera is not "
             "finite; train without --refine-cameras",
             steps_read_);
       }
       const std::size_t view = order_.at(steps_read_ - 1);
-      add_camera_gradient(state_, view / static_cast<std::size_t>(capture_.frames), *output.camera);
+      add_camera_gradient(state_, view / static_cast<std::size_t>(capture_.frames), *output.camera,
+                          output.vignetting);
     }
   }
   return {};

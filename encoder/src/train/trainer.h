@@ -101,6 +101,7 @@ class Trainer {
   Status update_cameras();
   // Logs how far the cameras are from their calibration, with a warning for each that is wrong.
   void report_cameras() const;
+  void warn_of_lens(const RefinedCamera& refined) const;
   // Renders with the cameras of the state from now on.
   void use_cameras();
   // Dilated splats are never thin on screen, so their scales need no limit.

@@ -16,6 +16,7 @@ constexpr std::size_t kMinCameras = 3;
 
 // A correction that is worth a warning, several times those of correct cameras.
 constexpr double kWrongPixels = 1;
+constexpr double kStrongVignetting = 0.1;
 
 }  // namespace
 
@@ -52,11 +53,26 @@ Status Trainer::update_cameras() {
   return {};
 }
 
+void Trainer::warn_of_lens(const RefinedCamera& refined) const {
+  if (refined.corner_pixels >= kWrongPixels) {
+    log_(1, fmt::format("camera '{}': its lens distorts the corners of its images by {:.1f} "
+                        "pixels; calibrate its distortion again",
+                        refined.camera.name, refined.corner_pixels));
+  }
+  if (std::abs(refined.corner_brightness - 1) >= kStrongVignetting) {
+    log_(1, fmt::format("camera '{}': the corners of its images have {:.0f} % of the brightness in "
+                        "the middle, compared with those of most cameras; use the same lens and "
+                        "aperture for all cameras, or a profile of the lens",
+                        refined.camera.name, 100 * refined.corner_brightness));
+  }
+}
+
 void Trainer::report_cameras() const {
   const std::vector<RefinedCamera> cameras = refined_cameras(capture_, state_);
   if (cameras.empty()) return;
   double pixels = 0;
   for (const RefinedCamera& refined : cameras) {
+    warn_of_lens(refined);
     pixels += refined.pixels / static_cast<double>(cameras.size());
     if (refined.pixels < kWrongPixels) continue;
     log_(1, fmt::format("camera '{}': its calibration was wrong by {:.1f} pixels ({:.2f} degrees, "

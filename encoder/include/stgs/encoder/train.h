@@ -54,7 +54,8 @@ struct TrainSettings {
   // linear layers, for the perceptual loss; "": the loss is off. The guide describes how to make
   // one.
   std::string perceptual_weights;
-  // Refine the poses and focal lengths of the training cameras together with the scene.
+  // Refine poses, focal lengths, distortion and vignetting of the training cameras together with
+  // the scene.
   bool refine_cameras = false;
   // Train only the content inside the masks of the capture, with its alpha, on a black background.
   bool foreground = false;
@@ -113,6 +114,10 @@ struct RefinedCamera {
   double shift = 0;    // distance between the positions, over that to the centre of the scene
   double zoom = 1;     // factor of the focal lengths
   double pixels = 0;   // displacement of content around the centre of the scene, rms
+  // The lens: content at distance r from the axis, at depth 1, appears at r (1 + distortion r^2).
+  double distortion = 0;
+  double corner_pixels = 0;      // displacement by that in the corners of the image
+  double corner_brightness = 1;  // over that in the centre, by vignetting
 };
 
 struct TrainReport {

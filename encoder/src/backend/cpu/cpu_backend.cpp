@@ -25,6 +25,7 @@
 #include "train/image_loss.h"
 #include "train/normal_loss.h"
 #include "train/relocation.h"
+#include "train/undo_lens.h"
 
 namespace stgs::encoder {
 namespace {
@@ -78,6 +79,7 @@ class CpuBackend final : public TrainBackend {
   double evaluate_normals(const StepInput& input, const RasterSettings& settings);
   void update(const StepInput& input);
   // Adds the regularisers. The result points into `derived` and this backend.
+  const Image8& ground_truth_of(const StepInput& input) const;
   cpu::LearntGradients learnt_gradients(const StepInput& input, std::size_t splat,
                                         Derived& derived);
   cpu::ViewStatistics statistics_of(const StepInput& input, std::size_t splat) const;
@@ -91,6 +93,7 @@ class CpuBackend final : public TrainBackend {
   // Working memory, reused between steps.
   SplatFrame frame_;
   RasterOutput output_;
+  Image8 without_lens_;
   Image corrected_, d_corrected_, error_;
   ImageLoss loss_;
   std::unique_ptr<PerceptualLoss> perceptual_;
@@ -119,11 +122,18 @@ void CpuBackend::round() {
 double CpuBackend::evaluate_normals(const StepInput& input, const RasterSettings& settings) {
   cpu::find_planes(rendered(), input.ticks, input.camera, frame_, planes_);
   cpu::blend_planes(settings, frame_, planes_, surface_);
-  return normal_loss_.evaluate(surface_, *input.ground_truth.pixels, input.camera,
-                               input.weight_normal, d_surface_);
+  return normal_loss_.evaluate(surface_, ground_truth_of(input), input.camera, input.weight_normal,
+                               d_surface_);
+}
+
+// Returns the training image, without the lens that this step undoes.
+const Image8& CpuBackend::ground_truth_of(const StepInput& input) const {
+  return is_pinhole(input.lens) ? *input.ground_truth.pixels : without_lens_;
 }
 
 Status CpuBackend::step(const StepInput& input) {
+  if (!is_pinhole(input.lens))
+    undo_lens(*input.ground_truth.pixels, input.camera, input.lens, without_lens_);
   RasterSettings settings;
   settings.max_sh_degree = input.sh_degree;
   settings.kernel = input.kernel;
@@ -143,12 +153,12 @@ Status CpuBackend::step(const StepInput& input) {
   blend(frame_, settings, output_);
 
   apply_colour(state_->colour[input.colour_index], output_.colour, corrected_);
-  const ImageLossValue value =
-      loss_.evaluate(corrected_, *input.ground_truth.pixels, {input.weight_l1, input.weight_ssim},
-                     d_corrected_, error_);
+  const Image8& ground_truth = ground_truth_of(input);
+  const ImageLossValue value = loss_.evaluate(
+      corrected_, ground_truth, {input.weight_l1, input.weight_ssim}, d_corrected_, error_);
   StepOutput out;
   if (input.weight_perceptual > 0) {
-    out.perceptual = perceptual_->evaluate(corrected_, *input.ground_truth.pixels, input.patch,
+    out.perceptual = perceptual_->evaluate(corrected_, ground_truth, input.patch,
                                            input.weight_perceptual, d_corrected_);
   }
   const UnmappedBackground unmapped{output_.transmittance, settings.background};
@@ -176,7 +186,10 @@ Status CpuBackend::step(const StepInput& input) {
   out.l1 = value.l1;
   out.ssim = value.ssim;
   out.visible = frame_.splats.size();
-  if (input.gather_camera) out.camera = gradients_.camera;
+  if (input.gather_camera) {
+    out.camera = gradients_.camera;
+    out.vignetting = vignetting_gradient(input.camera, output_.colour, d_corrected_);
+  }
   if (ranks_ != nullptr) {
     cpu::ViewContribution own;
     own.output = out;

@@ -49,6 +49,7 @@ void add_camera(const CameraGrad& by, CameraGrad& sum) {
   sum.rotation = vec3_add(sum.rotation, by.rotation);
   sum.translation = vec3_add(sum.translation, by.translation);
   sum.log_focal += by.log_focal;
+  sum.distortion += by.distortion;
 }
 
 // `camera`: the sum of the gradients of the camera; not used without out.with_camera.

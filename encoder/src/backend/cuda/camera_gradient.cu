@@ -41,7 +41,7 @@ __global__ void __launch_bounds__(kUpdateBlock)
   if (own) grad = camera_gradient_of(p, i, view, load_splat(w.splats, i), sums);
   const float values[kCameraValues] = {grad.rotation.x,    grad.rotation.y,    grad.rotation.z,
                                        grad.translation.x, grad.translation.y, grad.translation.z,
-                                       grad.log_focal};
+                                       grad.log_focal,     grad.distortion};
   for (int k = 0; k < kCameraValues; ++k) {
     const float sum = block_sum<kUpdateBlock>(values[k]);
     if (threadIdx.x == 0) w.camera_sums[kCameraValues * (1 + blockIdx.x) + k] = sum;

@@ -15,7 +15,7 @@ struct FinishArguments {
   Counters* counters;
   const float *loss_sums, *ssim_sums, *normal_sums;  // the last is null if L_n is off
   const double *regulariser_sums, *perceptual;
-  const float* camera;  // null if not gathered
+  const float *camera, *vignetting;  // null if not gathered
   std::uint32_t loss_blocks, update_blocks;
   double values;  // pixels times channels
   LossWeights weights;
@@ -68,6 +68,7 @@ __device__ void write_record(const FinishArguments& a, const double* sums) {
                 a.weights.normal * record.normal + a.weights.perceptual * record.perceptual;
   if (record.visible > 0) record.loss += sums[kFloatQuantities] / record.visible;
   for (int k = 0; k < kCameraValues; ++k) record.camera[k] = a.camera ? a.camera[k] : 0.0f;
+  record.vignetting = a.vignetting ? *a.vignetting : 0.0f;
   *a.record = record;
   a.counters->instances = 0;
   a.counters->visible = 0;
@@ -145,6 +146,7 @@ FinishArguments make_arguments(const View& view, std::uint32_t n, const LossWeig
   a.regulariser_sums = w.regulariser_sums;
   a.perceptual = w.perceptual;
   a.camera = view.gather_camera ? w.camera_sums : nullptr;
+  a.vignetting = view.gather_camera ? w.lens_sums : nullptr;
   a.loss_blocks = static_cast<std::uint32_t>(loss_blocks(view.width, view.height));
   a.update_blocks = static_cast<std::uint32_t>(blocks_of(n, kUpdateBlock));
   a.values = 3.0 * view.width * view.height;

@@ -9,6 +9,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "math/lens.h"
 #include "stgs/format/math/screen_splat.h"
 #include "train/random.h"
 #include "train/rounding.h"
@@ -26,7 +27,8 @@ inline constexpr int kLossY = 16;
 inline constexpr int kLossSums = 13;      // per block: L1, then the 12 gradients of the colour map
 inline constexpr int kPlaneSums = 4;      // floats per splat and tile: the gradient of its plane
 inline constexpr int kUpdateBlock = 128;  // primitives per block of the update
-inline constexpr int kCameraValues = 7;   // of a camera's gradient (math/camera_grad.h), in order
+inline constexpr int kLensBlocks = 64;    // of the sum of the vignetting's gradient
+inline constexpr int kCameraValues = 8;   // of a camera's gradient (math/camera_grad.h), in order
 // Fixed-point value of a squared weight of 1. The sum over all pixels and views holds 2^34 of them.
 inline constexpr double kImportanceOne = 1 << 30;
 inline constexpr std::uint32_t kInvisible = 0xFFFFFFFFu;  // depth key of invisible primitives
@@ -114,7 +116,8 @@ struct StepRecord {
   double loss, l1, ssim, normal, perceptual;
   unsigned long long instances;
   std::uint32_t visible, overflow;
-  float camera[kCameraValues];  // gradient of the camera, if it is gathered
+  // Gradients of the camera and of its vignetting, if they are gathered.
+  float camera[kCameraValues], vignetting;
 };
 
 // The buffers of a step, for N primitives, W x H pixels, T tiles, up to I tile instances and B
@@ -150,6 +153,8 @@ struct Workspace {
   const double* perceptual = nullptr;  // L_lpips of the step, if it is on
   // kCameraValues for the view, then for each block of the update; only if gathered.
   float* camera_sums = nullptr;
+  float* lens_sums = nullptr;            // 1 + kLensBlocks: dL/dv, then its parts; only if gathered
+  std::uint8_t* without_lens = nullptr;  // W x H x 3, the training image of undo_lens.h
   // Used if L_n is on. A plane (math/surface.h) or its gradient: normal x, y, z, distance.
   float4* planes = nullptr;               // N; only those of visible primitives are set
   float4* surface = nullptr;              // W x H, blended planes
@@ -228,6 +233,11 @@ void launch_blend_backward(const View& view, std::size_t bound, const Workspace&
 // Computes the gradient of the camera into camera_sums. Only if View::gather_camera.
 void launch_camera_gradient(const Primitives& p, const View& view, const Workspace& w,
                             cudaStream_t stream);
+// Computes w.without_lens from a training image.
+void launch_undo_lens(const View& view, const math::Lens& lens, const std::uint8_t* image,
+                      const Workspace& w, cudaStream_t stream);
+// Computes the gradient of the vignetting into lens_sums, from d_image.
+void launch_vignetting_gradient(const View& view, const Workspace& w, cudaStream_t stream);
 // Updates the visible primitives: gradients of the parameters, regularisers, statistics and Adam.
 void launch_update(const Primitives& p, const View& view, const UpdateSettings& settings,
                    const Workspace& w, cudaStream_t stream);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "backend/cuda/step_pipeline.h"
+#include "train/undo_lens.h"
 
 #include <algorithm>
 
@@ -50,7 +51,7 @@ std::size_t tiles_of(int width, int height) {
 std::size_t StepPipeline::bytes(std::size_t primitives, int width, int height,
                                 std::size_t instances, bool planes) {
   constexpr std::size_t kPrimitive = sizeof(ScreenSplat) + 6 * 4 + sizeof(uint2);
-  constexpr std::size_t kPixel = 2 * sizeof(float4) + 11 * 4;
+  constexpr std::size_t kPixel = 2 * sizeof(float4) + 11 * 4 + 3;
   constexpr std::size_t kInstance = 5 * 4 + kSums * 4;
   const std::size_t pixels = std::size_t{1} * width * height;
   // The sort copies its input.
@@ -150,6 +151,8 @@ Status StepPipeline::reserve_image(int width, int height) {
   STGS_TRY(last_.ensure(pixels));
   STGS_TRY(slopes_.ensure(9 * pixels));
   STGS_TRY(error_.ensure(pixels));
+  STGS_TRY(without_lens_.ensure(3 * pixels));
+  STGS_TRY(lens_sums_.ensure(1 + kLensBlocks));
   STGS_TRY(tile_begin_.ensure(tiles_of(width, height) + 1));
   STGS_TRY(ssim_sums_.ensure(blocks));
   STGS_TRY(loss_sums_.ensure(kLossSums * blocks));
@@ -158,6 +161,8 @@ Status StepPipeline::reserve_image(int width, int height) {
   workspace_.last = last_.data();
   workspace_.slopes = slopes_.data();
   workspace_.error = error_.data();
+  workspace_.without_lens = without_lens_.data();
+  workspace_.lens_sums = lens_sums_.data();
   workspace_.tile_begin = tile_begin_.data();
   workspace_.ssim_sums = ssim_sums_.data();
   workspace_.loss_sums = loss_sums_.data();
@@ -289,6 +294,11 @@ Status StepPipeline::enqueue(const DeviceState& state, const StepInput& input,
   stage("bin");
   launch_blend(view, w, stream);
   stage("blend");
+  if (!is_pinhole(input.lens)) {
+    launch_undo_lens(view, input.lens, ground_truth, w, stream);
+    ground_truth = w.without_lens;
+    stage("lens");
+  }
   launch_image_loss(view, ground_truth, map, weights, w, stream);
   stage("image_loss");
   if (input.weight_perceptual > 0) {
@@ -302,6 +312,7 @@ Status StepPipeline::enqueue(const DeviceState& state, const StepInput& input,
   launch_blend_backward(view, instances, w, stream);
   stage("blend_backward");
   if (view.gather_camera) {
+    launch_vignetting_gradient(view, w, stream);
     launch_camera_gradient(primitives, view, w, stream);
     stage("camera_gradient");
   }

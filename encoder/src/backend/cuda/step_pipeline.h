@@ -91,7 +91,8 @@ class StepPipeline {
   DeviceArray<uint2> segments_;
   DeviceArray<float4> image_, d_image_, checkpoints_;
   DeviceArray<double> regulariser_sums_;
-  DeviceArray<float> camera_sums_;
+  DeviceArray<float> camera_sums_, lens_sums_;
+  DeviceArray<std::uint8_t> without_lens_;
   DeviceArray<std::uint8_t> sort_memory_;
   bool with_planes_ = false;
   DeviceArray<float4> planes_, surface_, surface_checkpoints_, d_surface_, plane_partials_;
