@@ -15,13 +15,13 @@ struct Lens {
 };
 
 // Returns the squared distance of a pixel position from the principal point, over that of a corner
-// of the image from its centre.
+// of the image from its centre; at most 1.
 STGS_FN float lens_radius2(PinholeCamera camera, Vec2 pixel) {
   float x = pixel.x - camera.cx;
   float y = pixel.y - camera.cy;
   float w = camera.width;
   float h = camera.height;
-  return 4.0f * (x * x + y * y) / (w * w + h * h);
+  return clamped(4.0f * (x * x + y * y) / (w * w + h * h), 0.0f, 1.0f);
 }
 
 // Returns the position at which the lens shows what a pinhole shows at `pixel`.

@@ -8,14 +8,22 @@ import struct
 from harness import CliTest
 
 USAGE, IO, INVALID = 1, 2, 3
-LAYERS = [(3, 64, 0), (64, 64, 2), (64, 128, 5), (128, 128, 7), (128, 256, 10), (256, 256, 12),
-          (256, 256, 14), (256, 512, 17), (512, 512, 19), (512, 512, 21), (512, 512, 24),
-          (512, 512, 26), (512, 512, 28)]
-TAPS = [64, 128, 256, 512, 512]
+# Name, inputs, outputs and size of the convolutions; channels of the taps.
+VGG = ([(f"features.{number}", inputs, outputs, 3) for inputs, outputs, number in (
+    (3, 64, 0), (64, 64, 2), (64, 128, 5), (128, 128, 7), (128, 256, 10), (256, 256, 12),
+    (256, 256, 14), (256, 512, 17), (512, 512, 19), (512, 512, 21), (512, 512, 24), (512, 512, 26),
+    (512, 512, 28))], [64, 128, 256, 512, 512])
+SQUEEZE = ([("features.0", 3, 64, 3)] + [
+    (f"features.{number}.{part}", inputs if part == "squeeze" else squeezed,
+     squeezed if part == "squeeze" else half, 3 if part == "expand3x3" else 1)
+    for number, inputs, squeezed, half in (
+        (3, 64, 16, 64), (4, 128, 16, 64), (6, 128, 32, 128), (7, 256, 32, 128), (9, 256, 48, 192),
+        (10, 384, 48, 192), (11, 384, 64, 256), (12, 512, 64, 256))
+    for part in ("squeeze", "expand1x1", "expand3x3")], [64, 128, 256, 384, 384, 512, 512])
 
 
-def weights(linear, seed=1):
-    """Returns a safetensors file of a random VGG16 with 16 bits per weight."""
+def weights(linear, seed=1, network=VGG):
+    """Returns a safetensors file of a network with random weights of 16 bits."""
     source = random.Random(seed)
     header, data = {}, []
     size = 0
@@ -28,11 +36,12 @@ def weights(linear, seed=1):
         header[name] = {"dtype": "F16", "shape": shape, "data_offsets": [size, size + 2 * count]}
         size += 2 * count
 
-    for inputs, outputs, number in LAYERS:
-        scale = math.sqrt(6 / (9 * inputs))
-        add(f"features.{number}.weight", [outputs, inputs, 3, 3], -scale, scale)
-        add(f"features.{number}.bias", [outputs], -0.05, 0.05)
-    for tap, channels in enumerate(TAPS if linear else []):
+    convolutions, taps = network
+    for name, inputs, outputs, side in convolutions:
+        scale = math.sqrt(6 / (side * side * inputs))
+        add(f"{name}.weight", [outputs, inputs, side, side], -scale, scale)
+        add(f"{name}.bias", [outputs], -0.05, 0.05)
+    for tap, channels in enumerate(taps if linear else []):
         add(f"lin{tap}.model.1.weight", [1, channels, 1, 1], 0, 1)
     text = json.dumps(header).encode()
     return struct.pack("<Q", len(text)) + text + b"".join(data)
@@ -80,6 +89,15 @@ class Perceptual(CliTest):
                                                         "linear": linear, "weight": 0.01,
                                                         "patch": 16})
                 self.assertEqual(self.read("out.stgs"), trained, "threads changed the scene")
+
+    def test_the_network_is_that_of_the_file(self):
+        self.write("w.safetensors", weights(True, network=SQUEEZE))
+        args = self.train("--perceptual-weights", "w.safetensors")
+        self.fails(USAGE, r"perceptual_patch is out of range .* at least 25 pixels, got 16", *args)
+        args[args.index("perceptual_patch=16")] = "perceptual_patch=25"
+        result = self.succeeds(*args)
+        self.assertIn(b"enabled: LPIPS (squeeze), weights from w.safetensors", result.stderr)
+        self.assertEqual(self.json_of(*args)["perceptual"]["network"], "squeeze")
 
     def test_the_loss_starts_at_perceptual_from(self):
         self.write("w.safetensors", weights(False))

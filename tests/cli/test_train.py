@@ -91,6 +91,15 @@ class Refinement(CliTest):
         self.assertEqual([c["name"] for c in cameras], [c["name"] for c in capture["cameras"]])
         with open(self.path("page/index.html"), encoding="utf-8") as file:
             self.assertIn("Refined cameras", file.read())
+        # The scene starts at a camera as calibrated, so that it is known to be of this capture.
+        cameras = self.json_of("train", folder, "-o", "c.stgs", "--iterations", "100",
+                               "--refine-cameras", "--set", "lr_camera=0.1", "--set",
+                               "camera_pull=0")["cameras"]
+        self.assertTrue(all(c["pixels"] > 0.02 for c in cameras), cameras)
+        self.assertTrue(any(c["distortion"] != 0 and c["corner_brightness"] != 1
+                            for c in cameras), cameras)
+        result = self.succeeds("evaluate", "c.stgs", "--against", folder, "--cameras", "train")
+        self.assertNotIn(b"start camera", result.stderr)
         self.fails(USAGE, "lr_camera=1e-3 has no effect without --refine-cameras", "train",
                    self.fixture("prepared"), "-o", "b.stgs", "--set", "lr_camera=1e-3")
 

@@ -256,7 +256,11 @@ TEST_CASE("a checkpoint with impossible corrections of cameras is rejected") {
   CHECK(resume([](TrainState& s) { begin_refinement(2, s); }) == StatusCode::kInvalidFile);
   CHECK(resume([](TrainState& s) { begin_refinement(0, s); }) == StatusCode::kInvalidFile);
   CHECK(resume([&](TrainState& s) { s.cameras[1][2] = nan; }) == StatusCode::kInvalidFile);
-  CHECK(resume([](TrainState& s) { s.cameras[1][6] = 50; }) == StatusCode::kInvalidFile);
+  CHECK(resume([](TrainState& s) { s.cameras[1][kLogFocal] = 50; }) == StatusCode::kInvalidFile);
+  CHECK(resume([](TrainState& s) { s.cameras[1][kDistortion] = 0.4f; }) ==
+        StatusCode::kInvalidFile);
+  CHECK(resume([](TrainState& s) { s.cameras[1][kVignetting] = -0.7f; }) ==
+        StatusCode::kInvalidFile);
   CHECK(resume([](TrainState& s) { s.cameras_second[0][0] = -1; }) == StatusCode::kInvalidFile);
   CHECK(resume([&](TrainState& s) { s.camera_sums[0][0] = nan; }) == StatusCode::kInvalidFile);
   CHECK(resume([](TrainState& s) { s.camera_updates[0] = 0xFFFFFFFF; }) ==

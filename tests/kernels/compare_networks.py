@@ -4,8 +4,9 @@
 
 usage: compare_networks.py PERCEPTUAL_PROBE [cpu] [cuda] [cuda-float]
 
-PyTorch computes in double, from torchvision's own VGG16, SqueezeNet and AlexNet. Exit code 0: every relative error is within
-its bound; 1: one is not; 77: PyTorch, torchvision or safetensors is missing.
+PyTorch computes in double, from torchvision's own VGG16, SqueezeNet and AlexNet. Exit code 0: every
+relative error is within its bound; 1: one is not; 77: PyTorch, torchvision or safetensors is
+missing.
 """
 import copy
 import os

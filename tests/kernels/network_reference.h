@@ -33,21 +33,26 @@ inline Features convolve(const Features& in, const Tensors& tensors, const std::
     return (pixels + 2 * window.padding - n) / window.stride + 1;
   };
   Features out(count(in.width), count(in.height), static_cast<int>(bias.size()));
-  for (int o = 0; o < out.channels; ++o) {
+  const auto add_tap = [&](int o, int c, int k) {
+    const double w = weight[(std::size_t{1} * o * in.channels + c) * n * n + k];
+    const int dx = k % n - window.padding, dy = k / n - window.padding;
     for (int y = 0; y < out.height; ++y) {
-      for (int x = 0; x < out.width; ++x) {
-        double sum = bias[static_cast<std::size_t>(o)];
-        for (int c = 0; c < in.channels; ++c) {
-          for (int k = 0; k < n * n; ++k) {
-            const int u = x * window.stride - window.padding + k % n;
-            const int v = y * window.stride - window.padding + k / n;
-            if (u < 0 || v < 0 || u >= in.width || v >= in.height) continue;
-            sum += weight[(std::size_t{1} * o * in.channels + c) * n * n + k] * in.at(c, v, u);
-          }
-        }
-        out.at(o, y, x) = std::max(0.0, sum);
-      }
+      const int v = y * window.stride + dy;
+      if (v < 0 || v >= in.height) continue;
+      const int begin = std::max(0, (window.stride - 1 - dx) / window.stride);
+      const int end = std::min(out.width, (in.width - 1 - dx) / window.stride + 1);
+      double* const to = &out.at(o, y, 0);
+      const double* const from = &in.data[(std::size_t{1} * c * in.height + v) * in.width];
+      for (int x = begin; x < end; ++x) to[x] += w * from[x * window.stride + dx];
     }
+  };
+  for (int o = 0; o < out.channels; ++o) {
+    for (int c = 0; c < in.channels; ++c) {
+      for (int k = 0; k < n * n; ++k) add_tap(o, c, k);
+    }
+    double* const first = &out.at(o, 0, 0);
+    std::transform(first, first + std::size_t{1} * out.width * out.height, first,
+                   [&](double sum) { return std::max(0.0, sum + bias[o]); });
   }
   return out;
 }

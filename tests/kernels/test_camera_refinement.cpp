@@ -2,6 +2,7 @@
 // The updates of refined cameras: single cameras are corrected, the rig as a whole is not.
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "backend/backend.h"
 #include "catch.h"
@@ -150,6 +151,35 @@ TEST_CASE("an image without its lens is that of a pinhole") {
   CHECK(std::sqrt(square / (3 * inside)) < 1);
   undo_lens(image, camera, {0, 0}, out);
   CHECK(out.data == image.data);
+}
+
+TEST_CASE("the strongest lens with any principal point darkens no pixel") {
+  math::PinholeCamera camera = testing::scene_camera(64, 48);
+  camera.cx = GENERATE(-100.0f, 0.0f, 64.0f);
+  const Image8 image{64, 48, 3, std::vector<std::uint8_t>(3 * 64 * 48, 100)};
+  Image8 out;
+  undo_lens(image, camera, {kMaxDistortion, -kMaxVignetting}, out);
+  CHECK(*std::min_element(out.data.begin(), out.data.end()) >= 100);
+  camera.cx = std::numeric_limits<float>::infinity();
+  undo_lens(image, camera, {kMaxDistortion, -kMaxVignetting}, out);
+  CHECK(out.data.size() == image.data.size());
+}
+
+TEST_CASE("the limits of the lens hold after what all cameras share is undone") {
+  const PreparedCapture capture = ring(5);
+  TrainState state;
+  begin_refinement(capture.cameras.size(), state);
+  for (int step = 0; step < 60; ++step) {
+    for (std::size_t c = 0; c < capture.cameras.size(); ++c) {
+      const float sign = c < 2 ? -1.0f : 1.0f;
+      add_camera_gradient(state, c, {{0, 0, 0}, {0, 0, 0}, 0, sign}, sign);
+    }
+    update_cameras(capture, 0.1f, 0, state);
+  }
+  for (const CameraCorrection& camera : state.cameras) {
+    CHECK(std::abs(camera[kDistortion]) <= kMaxDistortion);
+    CHECK(std::abs(camera[kVignetting]) <= kMaxVignetting);
+  }
 }
 
 TEST_CASE("the gradients of the lens are the slopes of the loss") {

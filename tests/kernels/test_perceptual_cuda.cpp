@@ -148,11 +148,12 @@ struct Case {
   Patch patch;
 };
 
-// Complete images of even and odd sizes and of the minimum size of VGG16; patches at a corner and
-// inside.
+// Complete images of even and odd sizes and of the minimum sizes of the networks; patches at a
+// corner and inside.
 const Case kCases[] = {
-    {96, 64, {0, 0, 96, 64}},    {101, 67, {0, 0, 101, 67}}, {16, 16, {0, 0, 16, 16}},
-    {120, 90, {56, 42, 64, 48}}, {120, 90, {7, 3, 35, 18}},
+    {96, 64, {0, 0, 96, 64}},  {101, 67, {0, 0, 101, 67}}, {16, 16, {0, 0, 16, 16}},
+    {25, 25, {0, 0, 25, 25}},  {31, 31, {0, 0, 31, 31}},   {120, 90, {56, 42, 64, 48}},
+    {120, 90, {7, 3, 35, 18}},
 };
 
 std::unique_ptr<cuda::PerceptualNetwork> on_gpu(

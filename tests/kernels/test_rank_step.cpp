@@ -105,6 +105,8 @@ TEST_CASE("a step of several ranks has the mean of their gradients") {
     REQUIRE(joint_outputs[r].camera);
     CHECK(std::memcmp(&*joint_outputs[r].camera, &*single_outputs[r].camera,
                       sizeof(math::CameraGrad)) == 0);
+    CHECK(joint_outputs[r].vignetting == single_outputs[r].vignetting);
+    CHECK(joint_outputs[r].vignetting != 0);
   }
   const TrainState& found = joint[0];
   const auto views = static_cast<float>(inputs.size());

@@ -34,8 +34,8 @@ struct Window {
   bool ceil = false;  // the last window may extend beyond the map; for a pooling alone
   // Returns the number of windows along a side of this many pixels.
   int count(int pixels) const {
-    const int room = pixels + 2 * padding - size;
-    return room < 0 ? 0 : (room + (ceil ? stride - 1 : 0)) / stride + 1;
+    const int slack = pixels + 2 * padding - size;
+    return slack < 0 ? 0 : (slack + (ceil ? stride - 1 : 0)) / stride + 1;
   }
 };
 

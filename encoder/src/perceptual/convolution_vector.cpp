@@ -2,6 +2,7 @@
 #include "perceptual/convolution.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 
 #include "stgs/format/parallel.h"
@@ -203,7 +204,8 @@ void max_pool(const FeatureMap& in, const Window& window, FeatureMap& out) {
       for (int v = y; v < std::min(y + window.size, in.height); ++v) {
         for (int u = x; u < std::min(x + window.size, in.width); ++u) {
           const float* const from = in.pixel(u, v);
-          for (int c = 0; c < in.channels; ++c) to[c] = std::max(to[c], from[c]);
+          for (int c = 0; c < in.channels; ++c)
+            to[c] = from[c] > to[c] || std::isnan(from[c]) ? from[c] : to[c];
         }
       }
     }

@@ -110,7 +110,7 @@ Result<LpipsNetwork> layout_of(const Safetensors& file) {
   }
   return invalid_file(
       "{}: not a network of LPIPS (expected the tensors of SqueezeNet 1.1, VGG16 or AlexNet under "
-      "torchvision's names, features.N.weight, and lin0.model.1.weight and so on)",
+      "torchvision's names, features.N.weight and so on)",
       file.name());
 }
 

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -56,25 +57,32 @@ double tap_distance(const FeatureMap& a, const FeatureMap& b, const std::vector<
   return sum / (static_cast<double>(a.width) * a.height);
 }
 
+// A stage without the weights that a convolution has in another order.
+struct Stage {
+  std::optional<Convolution> convolution;  // with ReLU; otherwise a pooling
+  Window window;
+  int in = 0, out = 0;  // channels
+  std::vector<float> channel_weights;
+};
+
 class Network final : public Lpips {
  public:
-  Network(std::string file, std::shared_ptr<const FeatureNetwork> network)
-      : file_(std::move(file)), network_(std::move(network)) {
-    for (const FeatureStage& stage : network_->stages) {
-      if (stage.is_pooling()) {
-        convolutions_.emplace_back();
-      } else {
-        convolutions_.emplace_back(stage.weight, stage.bias, stage.in, stage.out, stage.window);
-      }
+  Network(std::string file, const FeatureNetwork& network)
+      : name_(network.name), file_(std::move(file)), min_side_(network.min_side()) {
+    for (const FeatureStage& from : network.stages) {
+      Stage& stage =
+          stages_.emplace_back(Stage{{}, from.window, from.in, from.out, from.channel_weights});
+      if (!from.is_pooling())
+        stage.convolution.emplace(from.weight, from.bias, from.in, from.out, from.window);
     }
   }
 
-  std::string network() const override { return network_->name; }
+  std::string network() const override { return name_; }
 
   Status check_size(int width, int height) const override {
-    if (network_->accepts(width, height)) return {};
-    return unsupported("LPIPS ({0}) needs images of at least {1}x{1} pixels (got {2}x{3})",
-                       network_->name, network_->min_side(), width, height);
+    if (std::min(width, height) >= min_side_) return {};
+    return unsupported("LPIPS ({0}) needs images of at least {1}x{1} pixels (got {2}x{3})", name_,
+                       min_side_, width, height);
   }
 
   std::uint64_t working_bytes(int width, int height) const override {
@@ -83,11 +91,10 @@ class Network final : public Lpips {
              static_cast<std::uint64_t>(channels);
     };
     std::uint64_t most = 0, before = 2 * bytes_of(width, height, 3);
-    for (std::size_t i = 0; i < convolutions_.size(); ++i) {
-      const FeatureStage& stage = network_->stages[i];
+    for (const Stage& stage : stages_) {
       width = stage.window.count(width);
       height = stage.window.count(height);
-      const bool gathers = !stage.is_pooling() && convolutions_[i].gathers();
+      const bool gathers = stage.convolution && stage.convolution->gathers();
       const int taps = gathers ? stage.window.size * stage.window.size : 0;
       const std::uint64_t after = 2 * bytes_of(width, height, stage.out);
       most = std::max(most, before + after + bytes_of(width, height, taps * stage.in));
@@ -102,37 +109,36 @@ class Network final : public Lpips {
     load(a, maps[0]);
     load(b, maps[1]);
     double out = 0;
-    for (std::size_t i = 0; i < convolutions_.size(); ++i) {
-      const FeatureStage& stage = network_->stages[i];
+    for (const Stage& stage : stages_) {
       for (FeatureMap& map : maps) {
         FeatureMap next;
-        if (stage.is_pooling()) {
-          max_pool(map, stage.window, next);
+        if (stage.convolution) {
+          stage.convolution->apply(map, true, next);
         } else {
-          convolutions_[i].apply(map, true, next);
+          max_pool(map, stage.window, next);
         }
         map = std::move(next);
       }
-      if (stage.is_tap()) out += tap_distance(maps[0], maps[1], stage.channel_weights);
+      if (!stage.channel_weights.empty())
+        out += tap_distance(maps[0], maps[1], stage.channel_weights);
     }
     if (!std::isfinite(out)) return invalid_file("{}: the weights are too large", file_);
     return out;
   }
 
  private:
-  std::string file_;
-  std::shared_ptr<const FeatureNetwork> network_;
-  std::vector<Convolution> convolutions_;  // of the stages; unused for poolings
+  std::string name_, file_;
+  int min_side_;
+  std::vector<Stage> stages_;
 };
 
 }  // namespace
 
 Result<std::shared_ptr<const Lpips>> Lpips::read(std::unique_ptr<ByteSource> source) {
   std::string file = source->name();
-  STGS_ASSIGN(std::shared_ptr<const FeatureNetwork> network,
+  STGS_ASSIGN(const std::shared_ptr<const FeatureNetwork> network,
               read_feature_network(std::move(source), ChannelWeights::kRequired));
-  return std::shared_ptr<const Lpips>(
-      std::make_shared<Network>(std::move(file), std::move(network)));
+  return std::shared_ptr<const Lpips>(std::make_shared<Network>(std::move(file), *network));
 }
 
 }  // namespace stgs::encoder

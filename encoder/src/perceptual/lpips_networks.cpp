@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "perceptual/lpips_networks.h"
 
+#include <algorithm>
 #include <array>
+#include <iterator>
 
 namespace stgs::encoder {
 namespace {
@@ -65,14 +67,18 @@ constexpr std::array kVgg = {
 };
 
 // FeatureMap has a multiple of 16 channels after a convolution. The kernels of the perceptual loss
-// combine the backward pass of a pooling with that of the tap before it, and only the first
-// convolution, which has three inputs, may have a stride.
+// exist for these numbers of channels of a tap, combine the backward pass of a pooling with that of
+// the tap before it, and take a stride for the convolution of the colours alone.
+constexpr int kTapChannels[] = {64, 128, 192, 256, 384, 512};
 constexpr bool is_supported(std::span<const LpipsLayer> layers) {
   for (std::size_t i = 0; i < layers.size(); ++i) {
     const LpipsLayer& layer = layers[i];
     if (layer.out % 16 != 0 || layer.squeezed % 16 != 0) return false;
     if (layer.kind == Kind::kPooling && (i == 0 || !layers[i - 1].tap)) return false;
-    if (layer.kind == Kind::kConvolution && layer.window.stride > 1 && i > 0) return false;
+    if (layer.kind == Kind::kConvolution && layer.window.stride > 1 && layer.in != 3) return false;
+    if (layer.tap && std::find(std::begin(kTapChannels), std::end(kTapChannels), layer.out) ==
+                         std::end(kTapChannels))
+      return false;
   }
   return layers.back().tap && layers.front().in == 3;
 }

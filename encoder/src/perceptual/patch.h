@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The patch of an image that the perceptual loss evaluates in a step. Because the network is
-// translation invariant, the mean over random patches equals the loss of the complete image, except
-// that the network sees zero padding beyond the patch borders.
+// The patch of an image that the perceptual loss evaluates in a step. The mean over
+// random patches is close to the loss of the complete image; it differs at the borders of patches,
+// beyond which the network sees zeros, and by the positions of its strides.
 #pragma once
 
 #include <algorithm>

@@ -19,7 +19,7 @@
 
 namespace stgs::encoder {
 
-// Maximum header size, bytes; VGG16's header has 3,000.
+// Maximum header size, bytes; those of LPIPS's networks have up to 6,000.
 inline constexpr std::uint64_t kMaxSafetensorsHeader = std::uint64_t{1} << 18;
 
 class Safetensors {

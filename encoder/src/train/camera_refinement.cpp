@@ -161,6 +161,14 @@ void remove_motion(const PreparedCapture& capture, const Camera& camera, const C
   }
 }
 
+// Most cameras are right, so that a motion of most of them is not a correction.
+void undo_common_motion(const PreparedCapture& capture, const std::vector<Camera>& cameras,
+                        std::vector<CameraCorrection>& corrections) {
+  const CommonMotion common = common_motion(capture, cameras, corrections);
+  for (std::size_t c = 0; c < cameras.size(); ++c)
+    remove_motion(capture, cameras[c], common, corrections[c]);
+}
+
 // Returns the root mean square distance in pixels between the projections by two cameras of points
 // around the centre of the scene.
 double displacement(const PreparedCapture& capture, const Camera& before, const Camera& after) {
@@ -246,18 +254,6 @@ void add_camera_gradient(TrainState& state, std::size_t camera, const math::Came
   ++state.camera_views[camera];
 }
 
-namespace {
-
-// Most cameras are right, so that a motion of most of them is not a correction.
-void undo_common_motion(const PreparedCapture& capture, const std::vector<Camera>& cameras,
-                        std::vector<CameraCorrection>& corrections) {
-  const CommonMotion common = common_motion(capture, cameras, corrections);
-  for (std::size_t c = 0; c < cameras.size(); ++c)
-    remove_motion(capture, cameras[c], common, corrections[c]);
-}
-
-}  // namespace
-
 void update_cameras(const PreparedCapture& capture, float rate, float pull, TrainState& state) {
   const std::vector<Camera> cameras = capture.training_cameras();
   for (std::size_t c = 0; c < cameras.size(); ++c) {
@@ -277,10 +273,12 @@ void update_cameras(const PreparedCapture& capture, float rate, float pull, Trai
     step(kLogFocal, 1, rate);
     step(kDistortion, 1, kDistortionRate * rate);
     step(kVignetting, 1, kVignettingRate * rate);
+  }
+  undo_common_motion(capture, cameras, state.cameras);
+  for (CameraCorrection& camera : state.cameras) {
     limit(camera[kDistortion], kMaxDistortion);
     limit(camera[kVignetting], kMaxVignetting);
   }
-  undo_common_motion(capture, cameras, state.cameras);
 }
 
 std::vector<RefinedCamera> refined_cameras(const PreparedCapture& capture,

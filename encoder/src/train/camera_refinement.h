@@ -28,11 +28,12 @@ void add_camera_gradient(TrainState& state, std::size_t camera, const math::Came
                          float vignetting);
 // Applies an Adam step with the mean gradient of the views since the last update to every camera
 // that has some. `rate`: of angles (radians), of shifts over the distance to the centre of the
-// scene, of the logarithm of the focal length, and of the lens. A step moves an angle by at most
-// the rate, and by much less if the views disagree on its direction; it then takes back `pull`
-// times the rate. So a camera keeps its calibration unless its views agree that it is wrong. A
-// motion, a change of size or a lens that most cameras share is undone, because other cameras would
-// not follow.
+// scene, and of the logarithm of the focal length; 4 times that of the distortion, and 30 times
+// that of the vignetting, so that a run can reach those of common lenses. A step moves an angle by
+// at most the rate, and by much less if the views disagree on its direction; it then takes back
+// `pull` times the rate. So a camera keeps its calibration unless its views agree that it is wrong.
+// A motion, a change of size or a lens that most cameras share is undone, because other cameras
+// would not follow.
 void update_cameras(const PreparedCapture& capture, float rate, float pull, TrainState& state);
 
 // Lists the training cameras with their corrections, in the capture's order; empty without

@@ -58,7 +58,8 @@ struct HyperParameterTable {
     STGS_VISIT(visit, lr_colour, kMin, kMax, "Learning rate of the affine colour of each camera");
     STGS_VISIT(visit, lr_camera, kMin, kMax,
                "Refined cameras: learning rate of angles, of shifts over the distance and of the "
-               "logarithm of focal lengths, at the start",
+               "logarithm of focal lengths, at the start; times 4 of distortion, times 30 of "
+               "vignetting",
                "radians");
     STGS_VISIT(
         visit, camera_pull, kMin, kMax,

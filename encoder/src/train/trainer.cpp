@@ -218,6 +218,8 @@ Result<StepInput> Trainer::step_input() {
   input.second_stage = plan.second_stage || state_.second_stage != 0;
   input.gather_camera = refines_cameras();
   if (!state_.cameras.empty()) input.lens = lens_of(state_.cameras[camera]);
+  // The colour outside the masks has no vignetting.
+  if (settings_.foreground) input.lens.vignetting = 0;
   input.gather_statistics = plan.gather;
   set_schedule(p, capture_, progress, state_.is_coupled(), input);
   if (with_normals() && progress >= p.normal_from)
@@ -253,7 +255,7 @@ Status Trainer::read_steps() {
       }
       const std::size_t view = order_.at(steps_read_ - 1);
       add_camera_gradient(state_, view / static_cast<std::size_t>(capture_.frames), *output.camera,
-                          output.vignetting);
+                          settings_.foreground ? 0.0f : output.vignetting);
     }
   }
   return {};

@@ -16,6 +16,7 @@ constexpr std::size_t kMinCameras = 3;
 
 // A correction that is worth a warning, several times those of correct cameras.
 constexpr double kWrongPixels = 1;
+// A vignetting that is worth a warning, as a share of the brightness in the centre.
 constexpr double kStrongVignetting = 0.1;
 
 }  // namespace
@@ -60,10 +61,11 @@ void Trainer::warn_of_lens(const RefinedCamera& refined) const {
                         refined.camera.name, refined.corner_pixels));
   }
   if (std::abs(refined.corner_brightness - 1) >= kStrongVignetting) {
-    log_(1, fmt::format("camera '{}': the corners of its images have {:.0f} % of the brightness in "
-                        "the middle, compared with those of most cameras; use the same lens and "
-                        "aperture for all cameras, or a profile of the lens",
-                        refined.camera.name, 100 * refined.corner_brightness));
+    log_(1, fmt::format(
+                "camera '{}': the corners of its images have {:.0f} % of the brightness in the "
+                "centre, relative to most cameras; use the same lens and aperture for all "
+                "cameras",
+                refined.camera.name, 100 * refined.corner_brightness));
   }
 }
 

@@ -69,7 +69,7 @@ Result<Scene> Trainer::scene() {
   metadata.near_plane = capture_.near_plane;
   metadata.kernel = static_cast<std::uint8_t>(parameters_.kernel);
   std::copy_n(&state_.background.x, 3, metadata.background);
-  metadata.start_camera = start_camera(images_.cameras());
+  metadata.start_camera = start_camera(capture_.training_cameras());
   metadata.generator = "stgs " STGS_VERSION;
   return scene;
 }

@@ -16,18 +16,14 @@ struct LensSample {
   float factor;
 };
 
-STGS_FN float between(float value, float low, float high) {
-  return value < low ? low : value > high ? high : value;
-}
-
 // Returns the sample for pixel (x, y) of the result.
 STGS_FN LensSample lens_sample(math::PinholeCamera camera, math::Lens lens, int x, int y) {
   math::Vec2 pixel;
   pixel.x = static_cast<float>(x) + 0.5f;
   pixel.y = static_cast<float>(y) + 0.5f;
   const math::Vec2 seen = math::through_lens(camera, lens, pixel);
-  const float u = between(seen.x - 0.5f, 0.0f, camera.width - 1.0f);
-  const float v = between(seen.y - 0.5f, 0.0f, camera.height - 1.0f);
+  const float u = math::clamped(seen.x - 0.5f, 0.0f, camera.width - 1.0f);
+  const float v = math::clamped(seen.y - 0.5f, 0.0f, camera.height - 1.0f);
   const int x0 = static_cast<int>(u), y0 = static_cast<int>(v);
   const int x1 = x0 + 1 < static_cast<int>(camera.width) ? x0 + 1 : x0;
   const int y1 = y0 + 1 < static_cast<int>(camera.height) ? y0 + 1 : y0;
@@ -39,7 +35,10 @@ STGS_FN LensSample lens_sample(math::PinholeCamera camera, math::Lens lens, int 
   out.at[3] = y1 * width + x1;
   out.right = u - static_cast<float>(x0);
   out.down = v - static_cast<float>(y0);
-  out.factor = 1.0f / (1.0f + lens.vignetting * math::lens_radius2(camera, seen));
+  math::Vec2 inside;
+  inside.x = u + 0.5f;
+  inside.y = v + 0.5f;
+  out.factor = 1.0f / (1.0f + lens.vignetting * math::lens_radius2(camera, inside));
   return out;
 }
 
@@ -48,7 +47,7 @@ STGS_FN std::uint8_t sampled(const std::uint8_t* image, const LensSample& s, int
   const float upper = (1.0f - s.right) * image[3 * s.at[0] + c] + s.right * image[3 * s.at[1] + c];
   const float lower = (1.0f - s.right) * image[3 * s.at[2] + c] + s.right * image[3 * s.at[3] + c];
   const float value = s.factor * ((1.0f - s.down) * upper + s.down * lower);
-  return static_cast<std::uint8_t>(between(value + 0.5f, 0.0f, 255.0f));
+  return static_cast<std::uint8_t>(math::clamped(value + 0.5f, 0.0f, 255.0f));
 }
 
 }  // namespace stgs::encoder

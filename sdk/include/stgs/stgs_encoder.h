@@ -223,9 +223,10 @@ typedef struct stgs_train_settings {
   double target_psnr; /* or removes primitives as long as the training images keep this PSNR, after
                        * the best affine colour map of each, 1 to 100 dB; 0 (default): no target */
   int32_t allow_outside;  /* 1: links in the prepared capture may lead out of it; default 0 */
-  int32_t refine_cameras; /* 1: refines poses and focal lengths of the training cameras (at least
-                           * three) with the scene, and logs a warning for each that was wrong by
-                           * more than a pixel; default 0 */
+  int32_t refine_cameras; /* 1: refines poses, focal lengths, distortion and vignetting of the
+                           * training cameras (at least three) with the scene, and logs a warning
+                           * for each that was wrong by more than a pixel, or whose corners are more
+                           * than 10 % darker or brighter than most; default 0 */
   int32_t foreground;     /* 1: trains only the content inside the masks of the capture, with its
                            * alpha; default 0 */
   int32_t reserved;       /* 0 */

@@ -115,9 +115,9 @@ struct RefinedCamera {
   double zoom = 1;     // factor of the focal lengths
   double pixels = 0;   // displacement of content around the centre of the scene, rms
   // The lens: content at distance r from the axis, at depth 1, appears at r (1 + distortion r^2).
-  double distortion = 0;
-  double corner_pixels = 0;      // displacement by that in the corners of the image
-  double corner_brightness = 1;  // over that in the centre, by vignetting
+  double distortion = 0;         // -0.3 to 0.3
+  double corner_pixels = 0;      // displacement by that in the corners of an image around its axis
+  double corner_brightness = 1;  // there over that in the centre, by vignetting; 0.4 to 1.6
 };
 
 struct TrainReport {

@@ -78,8 +78,8 @@ class CpuBackend final : public TrainBackend {
   void round();
   double evaluate_normals(const StepInput& input, const RasterSettings& settings);
   void update(const StepInput& input);
-  // Adds the regularisers. The result points into `derived` and this backend.
   const Image8& ground_truth_of(const StepInput& input) const;
+  // Adds the regularisers. The result points into `derived` and this backend.
   cpu::LearntGradients learnt_gradients(const StepInput& input, std::size_t splat,
                                         Derived& derived);
   cpu::ViewStatistics statistics_of(const StepInput& input, std::size_t splat) const;

@@ -63,6 +63,8 @@ Status CudnnConvolution::describe(const Cudnn& cudnn, const Window& window, int 
                                   cudnnMathType_t math) {
   const char* operation = "describing a layer";
   cudnn_ = &cudnn;
+  weight_count_ = weight_.size();
+  bias_count_ = bias_.size();
   STGS_TRY(cudnn.status(convolution_.create(cudnn.create_convolution, cudnn.destroy_convolution),
                         operation));
   STGS_TRY(cudnn.status(
@@ -99,15 +101,19 @@ Result<std::size_t> CudnnConvolution::workspace_bytes(cudnnHandle_t handle) cons
 }
 
 Status CudnnConvolution::upload() {
+  if (weight_.empty()) return {};
   STGS_TRY(upload_weights(weight_, device_weight_));
-  return bias_.empty() ? Status() : upload_weights(bias_, device_bias_);
+  if (bias_count_ > 0) STGS_TRY(upload_weights(bias_, device_bias_));
+  weight_ = {};
+  bias_ = {};
+  return {};
 }
 
 Status CudnnConvolution::apply(cudnnHandle_t handle, cudnnActivationDescriptor_t relu,
                                const float* input, const CudnnWorkspace& workspace,
                                float* output) const {
   const float one = 1.0f, zero = 0.0f;
-  if (bias_.empty()) {
+  if (bias_count_ == 0) {
     return cudnn_->status(
         cudnn_->convolve(handle, &one, input_, input, filter_, device_weight_.data(), convolution_,
                          kAlgorithm, workspace.data, workspace.bytes, &zero, output_, output),

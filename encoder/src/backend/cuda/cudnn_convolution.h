@@ -37,8 +37,8 @@ class CudnnConvolution {
   // Returns the working memory of apply() for these sizes.
   Result<std::size_t> workspace_bytes(cudnnHandle_t handle) const;
   // Returns the device memory of the weights.
-  std::size_t weight_bytes() const { return (weight_.size() + bias_.size()) * sizeof(float); }
-  // Copies the weights to the device.
+  std::size_t weight_bytes() const { return (weight_count_ + bias_count_) * sizeof(float); }
+  // Moves the weights to the device. Once, unless it fails.
   Status upload();
   // Enqueues the convolution, with bias and ReLU if it is forward.
   Status apply(cudnnHandle_t handle, cudnnActivationDescriptor_t relu, const float* input,
@@ -51,7 +51,8 @@ class CudnnConvolution {
   CudnnObject<cudnnTensorDescriptor_t> input_, output_, bias_shape_;
   CudnnObject<cudnnFilterDescriptor_t> filter_;
   CudnnObject<cudnnConvolutionDescriptor_t> convolution_;
-  std::vector<float> weight_, bias_;  // weight_: out x size x size x in; bias_: empty if backward
+  std::vector<float> weight_, bias_;  // until upload(); weight_: out x size x size x in
+  std::size_t weight_count_ = 0, bias_count_ = 0;  // bias_count_: 0 if backward
   DeviceArray<float> device_weight_, device_bias_;
 };
 

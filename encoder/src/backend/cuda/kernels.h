@@ -153,7 +153,7 @@ struct Workspace {
   const double* perceptual = nullptr;  // L_lpips of the step, if it is on
   // kCameraValues for the view, then for each block of the update; only if gathered.
   float* camera_sums = nullptr;
-  float* lens_sums = nullptr;            // 1 + kLensBlocks: dL/dv, then its parts; only if gathered
+  float* lens_sums = nullptr;            // 1 + kLensBlocks: dL/dv, then its parts
   std::uint8_t* without_lens = nullptr;  // W x H x 3, the training image of undo_lens.h
   // Used if L_n is on. A plane (math/surface.h) or its gradient: normal x, y, z, distance.
   float4* planes = nullptr;               // N; only those of visible primitives are set

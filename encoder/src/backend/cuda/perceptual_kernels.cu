@@ -303,8 +303,10 @@ void launch_tap_backward(const TapBackward& tap, cudaStream_t stream) {
       return start_tap_backward<256>(tap, stream);
     case 384:
       return start_tap_backward<384>(tap, stream);
-    default:
+    case 512:
       return start_tap_backward<512>(tap, stream);
+    default:
+      break;  // lpips_networks.cpp allows no other
   }
 }
 

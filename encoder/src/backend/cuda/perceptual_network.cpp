@@ -63,6 +63,7 @@ class CudnnPerceptual final : public PerceptualNetwork {
  private:
   // Sets the sizes of all stages for patches of this size.
   Status set_size(int width, int height);
+  Status describe_sizes();
   const FeatureSize& input_size(std::size_t stage) const {
     return stage == 0 ? size_ : stages_[stage - 1].size;
   }
@@ -133,6 +134,12 @@ Status CudnnPerceptual::set_size(int width, int height) {
         "patches of {}x{} pixels are too large for cuDNN; use a smaller perceptual_patch", width,
         height);
   }
+  const Status described = describe_sizes();
+  if (!described.ok()) size_ = {};
+  return described;
+}
+
+Status CudnnPerceptual::describe_sizes() {
   for (std::size_t i = 0; i < stages_.size(); ++i) {
     const FeatureStage& stage = network_->stages[i];
     if (stage.is_pooling()) continue;
@@ -171,6 +178,7 @@ Result<std::size_t> CudnnPerceptual::bytes(int width, int height) {
     values += 2 * stage.size.values();
     weights += stage.forward.weight_bytes() + stage.backward.weight_bytes();
   }
+  values += static_cast<std::size_t>(taps_ + kMapGradients) * kPerceptualBlocks;
   return workspace + values * sizeof(float) + weights;
 }
 

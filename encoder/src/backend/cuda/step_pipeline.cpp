@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "backend/cuda/step_pipeline.h"
-#include "train/undo_lens.h"
 
 #include <algorithm>
+
+#include "train/undo_lens.h"
 
 namespace stgs::encoder::cuda {
 namespace {

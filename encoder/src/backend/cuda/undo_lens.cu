@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // train/undo_lens.h on the GPU.
-#include "train/undo_lens_pixel.h"
-
 #include "backend/cuda/device.cuh"
+#include "train/undo_lens_pixel.h"
 
 namespace stgs::encoder::cuda {
 namespace {
