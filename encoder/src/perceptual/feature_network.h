@@ -46,8 +46,8 @@ enum class ChannelWeights { kRequired, kOptional };
 // of tensors (features.N.weight, features.N.bias), with LPIPS's channel weights
 // (lin0.model.1.weight and so on); without any, if they are optional, all channels of a tap have
 // the same weight. A fire module of SqueezeNet becomes two stages. kInvalidFile names the file, and
-// the tensor if a bias or channel weight is missing or a tensor is invalid; without all the weights
-// of one of the networks, it is none of them.
+// the tensor if a bias or channel weight is missing or a tensor is invalid; a file without all the
+// weights of a network is invalid.
 Result<std::shared_ptr<const FeatureNetwork>> read_feature_network(
     std::unique_ptr<ByteSource> source, ChannelWeights channel_weights);
 
