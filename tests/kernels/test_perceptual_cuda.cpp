@@ -164,7 +164,8 @@ std::unique_ptr<cuda::PerceptualNetwork> on_gpu(
   const Result<std::size_t> bytes = (*network)->bytes(120, 90);
   check(bytes.status());
   std::size_t values = 0;
-  for (const FeatureStage& stage : weights->stages) values += stage.weight.size();
+  for (const FeatureStage& stage : weights->stages)
+    values += (stage.window.stride == 1 ? 2 : 1) * stage.weight.size();  // forward and backward
   CHECK(*bytes > 4 * values);
   check((*network)->reserve(120, 90));
   return std::move(*network);

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "perceptual/safetensors.h"
 
+#include <algorithm>
+
 #include "catch.h"
 #include "network_fixture.h"
 
@@ -167,9 +169,15 @@ TEST_CASE(
       CAPTURE(layout.name, linear);
       CHECK((*found)->name == layout.name);
       CHECK((*found)->linear == linear);
-      const FeatureStage& first = (*found)->stages.front();
-      CHECK(first.weight == tensors.at("features.0.weight").second);
-      CHECK(first.bias == tensors.at("features.0.bias").second);
+      for (const LpipsLayer& layer : layout.layers) {
+        if (layer.kind != LpipsLayer::Kind::kConvolution) continue;
+        const std::string name = fmt::format("features.{}", layer.feature);
+        CHECK(std::any_of((*found)->stages.begin(), (*found)->stages.end(),
+                          [&](const FeatureStage& stage) {
+                            return stage.weight == tensors.at(name + ".weight").second &&
+                                   stage.bias == tensors.at(name + ".bias").second;
+                          }));
+      }
       const std::vector<float>& last = (*found)->stages.back().channel_weights;
       const auto channels = static_cast<std::size_t>(layout.layers.back().out);
       if (!linear) CHECK(last == std::vector<float>(channels, 1.0f / static_cast<float>(channels)));

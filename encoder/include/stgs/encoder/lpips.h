@@ -24,8 +24,8 @@ class Lpips {
   // Reads a network from a safetensors file: SqueezeNet 1.1, VGG16 or AlexNet, by torchvision's
   // names of tensors (features.N.weight, features.N.bias), with LPIPS's channel weights
   // (lin0.model.1.weight and so on). kInvalidFile names the file, and the tensor if a bias or
-  // channel weight is missing or a tensor is invalid; a file without all the weights of a network is
-  // invalid.
+  // channel weight is missing or a tensor is invalid; a file without all the weights of a network
+  // is invalid.
   static Result<std::shared_ptr<const Lpips>> read(std::unique_ptr<ByteSource> source);
 
   virtual ~Lpips() = default;
