@@ -254,8 +254,8 @@ TEST_CASE("the gradient of the camera matches finite differences") {
     testing::check_gradient(p, "turn", correction.first(3), expected.first(3), 2e-3f, 5e-3);
     testing::check_gradient(p, "shift", correction.subspan(3, 3), expected.subspan(3, 3), 4e-3f,
                             5e-3);
-    testing::check_gradient(p, "focal", correction.subspan(kLogFocal, 1),
-                            expected.subspan(kLogFocal, 1), 4e-3f, 5e-3);
+    testing::check_gradient(p, "focal", correction.subspan(encoder::kLogFocal, 1),
+                            expected.subspan(encoder::kLogFocal, 1), 4e-3f, 5e-3);
   }
 }
 
