@@ -24,7 +24,7 @@ STGS_FN float lens_radius2(PinholeCamera camera, Vec2 pixel) {
   return clamped(4.0f * (x * x + y * y) / (w * w + h * h), 0.0f, 1.0f);
 }
 
-// Returns the position at which the lens shows what a pinhole shows at `pixel`.
+// Returns the position through the lens of content that a pinhole has at `pixel`.
 STGS_FN Vec2 through_lens(PinholeCamera camera, Lens lens, Vec2 pixel) {
   float x = (pixel.x - camera.cx) / camera.fx;
   float y = (pixel.y - camera.cy) / camera.fy;

@@ -6,8 +6,8 @@ usage: outdoor_ring.py FOLDER     needs NumPy; takes two minutes
 
 A meadow with a path, a table and two balls that move, a fence, 16 trees, hills, and a sky with
 clouds. Layout 'videos' with frames as PNG; cam03 and cam08 are held out. Rigs that people own look
-like this, and have what is hard about them: a background at any distance, repeated objects, and
-surfaces that one camera alone sees. The images are exact up to their supersampling.
+like this, with the same difficulties: a background at any distance, repeated objects, and surfaces
+that one camera alone sees. The images are exact up to their supersampling.
 """
 import json
 import os

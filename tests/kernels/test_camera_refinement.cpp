@@ -165,7 +165,7 @@ TEST_CASE("the strongest lens with any principal point darkens no pixel") {
   CHECK(out.data.size() == image.data.size());
 }
 
-TEST_CASE("the limits of the lens hold after what all cameras share is undone") {
+TEST_CASE("the limits of the lens hold after a shared lens is undone") {
   const PreparedCapture capture = ring(5);
   TrainState state;
   begin_refinement(capture.cameras.size(), state);

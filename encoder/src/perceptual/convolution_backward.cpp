@@ -9,23 +9,6 @@
 namespace stgs::encoder {
 namespace {
 
-// The convolution that is the backward pass of one with stride 1: its kernels are flipped, and
-// their input and output channels exchanged.
-Convolution flipped(const std::vector<float>& weight, int in, int out, const Window& window) {
-  const auto taps = static_cast<std::size_t>(window.size) * static_cast<std::size_t>(window.size);
-  std::vector<float> exchanged(weight.size());
-  for (int o = 0; o < out; ++o) {
-    for (int c = 0; c < in; ++c) {
-      const std::size_t from = (std::size_t{1} * o * in + c) * taps;
-      const std::size_t to = (std::size_t{1} * c * out + o) * taps;
-      for (std::size_t tap = 0; tap < taps; ++tap)
-        exchanged[to + tap] = weight[from + taps - 1 - tap];
-    }
-  }
-  const std::vector<float> no_bias(static_cast<std::size_t>(in), 0.0f);
-  return {exchanged, no_bias, out, in, {window.size, 1, window.size - 1 - window.padding}};
-}
-
 // Calls visit(index of the window, position in it) for the windows along a side, `count` of them,
 // that contain this pixel.
 template <typename Visit>
@@ -60,6 +43,22 @@ Maximum first_maximum(const FeatureMap& in, const Window& window, int column, in
 
 }  // namespace
 
+std::vector<float> flipped_weights(const std::vector<float>& weight, int in, int out, int taps) {
+  std::vector<float> result(weight.size());
+  for (int o = 0; o < out; ++o) {
+    for (int c = 0; c < in; ++c) {
+      for (int tap = 0; tap < taps; ++tap)
+        result[(std::size_t{1} * c * out + o) * taps + tap] =
+            weight[(std::size_t{1} * o * in + c) * taps + taps - 1 - tap];
+    }
+  }
+  return result;
+}
+
+Window backward_window(const Window& window) {
+  return {window.size, 1, window.size - 1 - window.padding};
+}
+
 std::vector<float> weights_by_tap(const std::vector<float>& weight, int in, int out, int taps) {
   std::vector<float> result(weight.size());
   for (int o = 0; o < out; ++o) {
@@ -75,10 +74,12 @@ std::vector<float> weights_by_tap(const std::vector<float>& weight, int in, int 
 ConvolutionBackward::ConvolutionBackward(const std::vector<float>& weight, int in, int out,
                                          Window window)
     : in_(in), out_(out), window_(window) {
+  const int taps = window.size * window.size;
   if (window.stride == 1) {
-    flipped_ = flipped(weight, in, out, window);
+    const std::vector<float> no_bias(static_cast<std::size_t>(in), 0.0f);
+    flipped_ = {flipped_weights(weight, in, out, taps), no_bias, out, in, backward_window(window)};
   } else {
-    weights_ = weights_by_tap(weight, in, out, window.size * window.size);
+    weights_ = weights_by_tap(weight, in, out, taps);
   }
 }
 

@@ -9,6 +9,12 @@
 
 namespace stgs::encoder {
 
+// Converts the weights of a convolution with stride 1, out x in x taps, to those of the convolution
+// that is its backward pass: in x out x taps, flipped.
+std::vector<float> flipped_weights(const std::vector<float>& weight, int in, int out, int taps);
+// Returns the window of that backward pass.
+Window backward_window(const Window& window);
+
 // Converts the weights of a convolution from out x in x taps to taps x in x out.
 std::vector<float> weights_by_tap(const std::vector<float>& weight, int in, int out, int taps);
 

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "perceptual/feature_network.h"
+#include "perceptual/network_input.h"
 #include "stgs/format/parallel.h"
 
 namespace stgs::encoder {
@@ -16,18 +17,11 @@ namespace {
 
 constexpr float kEpsilon = 1e-10f;  // added to the length of the features of a pixel
 
-// Loads an image as the input of a network.
 void load(const Image& image, FeatureMap& out) {
-  out.reshape(image.width, image.height, 3);
-  parallel_for(0, image.height, [&](int y) {
-    for (int x = 0; x < image.width; ++x) {
-      float* const to = out.pixel(x, y);
-      for (int c = 0; c < 3; ++c) {
-        const float value = image.plane(c)[std::size_t{1} * y * image.width + x];
-        to[c] = (value - kInputMean[c]) / kInputDeviation[c];
-      }
-    }
-  });
+  const auto colour = [&image](int x, int y, int c) {
+    return image.plane(c)[std::size_t{1} * y * image.width + x];
+  };
+  load_network_input(image.width, image.height, colour, out);
 }
 
 // Returns the factor that makes the features of a pixel a vector of length 1.

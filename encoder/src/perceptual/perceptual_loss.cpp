@@ -4,6 +4,7 @@
 #include <cmath>
 #include <utility>
 
+#include "perceptual/network_input.h"
 #include "stgs/format/parallel.h"
 
 namespace stgs::encoder {
@@ -12,19 +13,6 @@ namespace {
 template <typename Visit>
 void for_rows(int rows, Visit visit) {
   parallel_for(0, rows, [&visit](int y) { visit(y); });
-}
-
-// Loads the patch as network input; colour(x, y, c) returns a value of the image, [0,1].
-template <typename Colour>
-void load(const Patch& patch, const Colour& colour, FeatureMap& input) {
-  input.reshape(patch.width, patch.height, 3);
-  for_rows(patch.height, [&](int y) {
-    for (int x = 0; x < patch.width; ++x) {
-      float* to = input.pixel(x, y);
-      for (int c = 0; c < 3; ++c)
-        to[c] = (colour(patch.x + x, patch.y + y, c) - kInputMean[c]) / kInputDeviation[c];
-    }
-  });
 }
 
 }  // namespace
@@ -43,23 +31,19 @@ PerceptualLoss::PerceptualLoss(std::shared_ptr<const FeatureNetwork> network)
 
 double PerceptualLoss::evaluate(const Image& image, const Image8& ground_truth, const Patch& patch,
                                 float weight, Image& d_image) {
-  load(
-      patch,
-      [&ground_truth](int x, int y, int c) {
-        const std::size_t pixel = std::size_t{1} * y * ground_truth.width + x;
-        return static_cast<float>(ground_truth.data[3 * pixel + c]) * (1.0f / 255.0f);
-      },
-      input_);
+  const auto expected = [&](int x, int y, int c) {
+    const std::size_t pixel = std::size_t{1} * (patch.y + y) * ground_truth.width + patch.x + x;
+    return static_cast<float>(ground_truth.data[3 * pixel + c]) * (1.0f / 255.0f);
+  };
+  load_network_input(patch.width, patch.height, expected, input_);
   forward();
   for (std::size_t i = 0; i < features_.size(); ++i) {
     if (network_->stages[i].is_tap()) std::swap(features_[i], target_features_[i]);
   }
-  load(
-      patch,
-      [&image](int x, int y, int c) {
-        return image.plane(c)[std::size_t{1} * y * image.width + x];
-      },
-      input_);
+  const auto rendered = [&](int x, int y, int c) {
+    return image.plane(c)[std::size_t{1} * (patch.y + y) * image.width + patch.x + x];
+  };
+  load_network_input(patch.width, patch.height, rendered, input_);
   forward();
   const double loss = backward(weight);
   add_gradient(patch, d_image);

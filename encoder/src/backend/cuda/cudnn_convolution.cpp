@@ -1,35 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "backend/cuda/cudnn_convolution.h"
 
+#include "perceptual/convolution_backward.h"
+
 namespace stgs::encoder::cuda {
 namespace {
 
 // Deterministic, available for all shapes, and supports the tensor cores.
 constexpr cudnnConvolutionFwdAlgo_t kAlgorithm = CUDNN_CONVOLUTION_FWD_ALGO_IMPLICIT_PRECOMP_GEMM;
 
-// Converts weights from out x in x taps to out x taps x in_stored, zero-padding the inputs.
-std::vector<float> forward_weights(const FeatureStage& stage, int in_stored) {
-  const int taps = stage.window.size * stage.window.size;
-  std::vector<float> weights(std::size_t{1} * taps * in_stored * stage.out);
-  for (int o = 0; o < stage.out; ++o) {
-    for (int c = 0; c < stage.in; ++c) {
+// Converts weights from out x in x taps to out_stored x taps x in_stored, padded with zeros.
+std::vector<float> channels_last(const std::vector<float>& weight, int in, int out, int taps,
+                                 int in_stored, int out_stored) {
+  std::vector<float> weights(std::size_t{1} * taps * in_stored * out_stored);
+  for (int o = 0; o < out; ++o) {
+    for (int c = 0; c < in; ++c) {
       for (int tap = 0; tap < taps; ++tap)
         weights[(std::size_t{1} * taps * o + tap) * in_stored + c] =
-            stage.weight[(std::size_t{1} * o * stage.in + c) * taps + tap];
-    }
-  }
-  return weights;
-}
-
-// Returns the weights that map dL/doutput to dL/dinput: flipped, in_stored x taps x out.
-std::vector<float> backward_weights(const FeatureStage& stage, int in_stored) {
-  const int taps = stage.window.size * stage.window.size;
-  std::vector<float> weights(std::size_t{1} * taps * in_stored * stage.out);
-  for (int o = 0; o < stage.out; ++o) {
-    for (int c = 0; c < stage.in; ++c) {
-      for (int tap = 0; tap < taps; ++tap)
-        weights[(std::size_t{1} * taps * c + taps - 1 - tap) * stage.out + o] =
-            stage.weight[(std::size_t{1} * o * stage.in + c) * taps + tap];
+            weight[(std::size_t{1} * o * in + c) * taps + tap];
     }
   }
   return weights;
@@ -46,17 +34,18 @@ Status upload_weights(const std::vector<float>& values, DeviceArray<float>& arra
 
 Status CudnnConvolution::create_forward(const Cudnn& cudnn, const FeatureStage& stage, int in,
                                         cudnnMathType_t math) {
-  weight_ = forward_weights(stage, in);
+  const int taps = stage.window.size * stage.window.size;
+  weight_ = channels_last(stage.weight, stage.in, stage.out, taps, in, stage.out);
   bias_ = stage.bias;
   return describe(cudnn, stage.window, in, stage.out, math);
 }
 
 Status CudnnConvolution::create_backward(const Cudnn& cudnn, const FeatureStage& stage, int in,
                                          cudnnMathType_t math) {
-  weight_ = backward_weights(stage, in);
-  Window window = stage.window;
-  window.padding = window.size - 1 - window.padding;
-  return describe(cudnn, window, stage.out, in, math);
+  const int taps = stage.window.size * stage.window.size;
+  weight_ = channels_last(flipped_weights(stage.weight, stage.in, stage.out, taps), stage.out,
+                          stage.in, taps, stage.out, in);
+  return describe(cudnn, backward_window(stage.window), stage.out, in, math);
 }
 
 Status CudnnConvolution::describe(const Cudnn& cudnn, const Window& window, int in, int out,
