@@ -20,7 +20,7 @@ endfunction()
 
 # The encoder and its parts.
 stgs_option(ENCODER ${stgs_default} "Preparing captures, training and packing: libstgs_encoder and the verbs prepare, train, pack, encode")
-stgs_option(PREPARE AUTO "OpenCV: reading captures, calibration, initial points, mp4 output")
+stgs_option(PREPARE AUTO "OpenCV and FFmpeg's libraries: reading captures, calibration, initial points, mp4 output")
 stgs_option(CALIBRATION AUTO "toml++ and pugixml: calibrations of Pose2Sim, Anipose and Qualisys")
 stgs_option(CUDNN AUTO "cuDNN 9 headers: the perceptual loss on an NVIDIA GPU")
 stgs_option(NCCL AUTO "NCCL header: training on several NVIDIA GPUs")

@@ -99,8 +99,9 @@ endif()
 list(JOIN static_needs ", " CPACK_DEBIAN_DEV_PACKAGE_RECOMMENDS)
 if(STGS_HAS_PREPARE)
   set(CPACK_DEBIAN_ENCODER_DEV_PACKAGE_RECOMMENDS
-      "libopencv-core-dev, libopencv-imgproc-dev, libopencv-imgcodecs-dev, libopencv-videoio-dev, \
-libopencv-video-dev, libopencv-calib3d-dev, libopencv-features2d-dev, libopencv-flann-dev")
+      "libopencv-core-dev, libopencv-imgproc-dev, libopencv-imgcodecs-dev, libopencv-video-dev, \
+libopencv-calib3d-dev, libopencv-features2d-dev, libopencv-flann-dev, \
+libavformat-dev, libavcodec-dev, libswscale-dev, libavutil-dev")
 endif()
 if(STGS_HAS_CALIBRATION)
   string(APPEND CPACK_DEBIAN_ENCODER_DEV_PACKAGE_RECOMMENDS ", libtomlplusplus-dev, libpugixml-dev")

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Videos whose headers and tables state more than their bytes hold.
+// Videos: their colours and rotation; headers and tables that state more than their bytes hold.
+#include <cmath>
 #include <cstring>
+#include <functional>
 
 #include "capture_fixture.h"
 #include "catch.h"
@@ -26,18 +28,28 @@ std::string full_box(const char* type, const std::string& content) {
   return box(type, std::string(4, '\0') + content);
 }
 
-// An MP4 of motion JPEG whose table lists the one stored frame `frames` times.
-std::string repeating_video(const std::string& jpeg, std::uint32_t frames, std::uint32_t width,
-                            std::uint32_t height) {
-  const std::string zeros(32, '\0'),
-      unity = big_endian({0x10000, 0, 0, 0, 0x10000, 0, 0, 0, 1u << 30});
+// A matrix that leaves frames as they are.
+const std::string kUnity = big_endian({0x10000, 0, 0, 0, 0x10000, 0, 0, 0, 1u << 30});
+
+// How an MP4 describes its frames: the codec, boxes after the description, and the matrix by which
+// players rotate them.
+struct Description {
+  std::string codec = "jpeg", extra = {};
+  std::string matrix = kUnity;
+};
+
+// An MP4 whose table lists the one stored frame `frames` times.
+std::string repeating_video(const std::string& stored, std::uint32_t frames, std::uint32_t width,
+                            std::uint32_t height, const Description& description = {}) {
+  const std::string zeros(32, '\0');
   const std::string begin = box("ftyp", std::string("isom\0\0\2\0isommp41", 16));
   const auto offset = static_cast<std::uint32_t>(begin.size() + 8);
-  const auto size = static_cast<std::uint32_t>(jpeg.size());
+  const auto size = static_cast<std::uint32_t>(stored.size());
   const std::string entry =
-      box("jpeg", zeros.substr(0, 6) + big_endian({1}, 2) + zeros.substr(0, 16) +
-                      big_endian({width, height}, 2) + big_endian({0x480000, 0x480000, 0}) +
-                      big_endian({1}, 2) + zeros + big_endian({24, 0xffff}, 2));
+      box(description.codec.c_str(), zeros.substr(0, 6) + big_endian({1}, 2) + zeros.substr(0, 16) +
+                                         big_endian({width, height}, 2) +
+                                         big_endian({0x480000, 0x480000, 0}) + big_endian({1}, 2) +
+                                         zeros + big_endian({24, 0xffff}, 2) + description.extra);
   std::string offsets = big_endian({frames});
   for (std::uint32_t i = 0; i < frames; ++i) offsets += big_endian({offset});
   const std::string table =
@@ -53,10 +65,11 @@ std::string repeating_video(const std::string& jpeg, std::uint32_t frames, std::
                                                                    box("url ", big_endian({1})))) +
                                   table));
   const std::string track = big_endian({3}) + big_endian({0, 0, 1, 0, frames * 1000}) +
-                            zeros.substr(0, 16) + unity + big_endian({width << 16, height << 16});
+                            zeros.substr(0, 16) + description.matrix +
+                            big_endian({width << 16, height << 16});
   const std::string movie = big_endian({0, 0, 30000, frames * 1000, 0x10000, 0x01000000}) +
-                            zeros.substr(0, 8) + unity + zeros.substr(0, 24) + big_endian({2});
-  return begin + box("mdat", jpeg) +
+                            zeros.substr(0, 8) + kUnity + zeros.substr(0, 24) + big_endian({2});
+  return begin + box("mdat", stored) +
          box("moov", full_box("mvhd", movie) + box("trak", box("tkhd", track) + media));
 }
 
@@ -171,6 +184,98 @@ TEST_CASE("JPEG headers that state more pixels than the bytes can hold are refus
   const std::string image = "\xff\xd8" + header + std::string("\xff\xda\0\2\xff\xd9", 6);
   const std::vector<std::uint8_t> bytes(image.begin(), image.end());
   CHECK(fails_with(decode_image8(bytes, 3, "a.jpg").status(), {"a.jpg", "64000000 pixels"}));
+}
+
+// An uncompressed frame: per pair of pixels Cb, Y, Cr, Y. Luma is 120, Cb 128.
+std::string uncompressed(int width, int height, const std::function<int(int pair)>& cr) {
+  std::string bytes;
+  for (int k = 0; k < width / 2 * height; ++k) {
+    for (const int value : {128, 120, cr(k % (width / 2)), 120}) bytes += static_cast<char>(value);
+  }
+  return bytes;
+}
+
+// Codes of the primaries, of the transfer function and of the matrix; the range.
+std::string colour_box(std::uint32_t code, bool full_range) {
+  return box("colr", "nclx" + big_endian({code, code, code}, 2) +
+                         std::string(1, full_range ? '\x80' : '\0'));
+}
+
+cv::Mat first_frame(const CaptureFolder& files, const SourceCamera& camera) {
+  const Result<FrameInfo> info = probe_frames(files, camera);
+  INFO(info.status().message());
+  REQUIRE(info.ok());
+  auto video = VideoReader::open(files, camera, 0);
+  REQUIRE(video.ok());
+  Result<cv::Mat> image = (*video)->next(info->width, info->height);
+  INFO(image.status().message());
+  REQUIRE(image.ok());
+  return *image;
+}
+
+TEST_CASE("videos are converted with the matrix and the range that they state") {
+  const TemporaryFolder folder;
+  const SourceCamera camera = camera_of(folder / "a.mov");
+  const auto files = files_of(folder);
+  // Red and green per step of Cr in BT.709 and BT.601, and luma, by the range.
+  struct Case {
+    std::string colour;
+    double red, green, luma;
+  };
+  const double limited = 255.0 / 224, luma = (120 - 16) * 255.0 / 219;
+  for (const Case& c : {Case{colour_box(1, false), 1.5748 * limited, -0.4681 * limited, luma},
+                        Case{colour_box(6, false), 1.402 * limited, -0.7141 * limited, luma},
+                        Case{colour_box(1, true), 1.5748, -0.4681, 120},
+                        Case{colour_box(6, true), 1.402, -0.7141, 120},
+                        // Not stated: as small videos usually are.
+                        Case{"", 1.402 * limited, -0.7141 * limited, luma}}) {
+    write_bytes(camera.video, repeating_video(uncompressed(32, 4, [](int) { return 158; }), 2, 32,
+                                              4, {.codec = "2vuy", .extra = c.colour}));
+    const cv::Vec3b found = first_frame(*files, camera).at<cv::Vec3b>(2, 16);
+    INFO(c.red << ": " << static_cast<cv::Vec3i>(found));
+    CHECK(std::abs(found[2] - (c.luma + 30 * c.red)) <= 1.5);
+    CHECK(std::abs(found[1] - (c.luma + 30 * c.green)) <= 1.5);
+    CHECK(std::abs(found[0] - c.luma) <= 1.5);
+  }
+}
+
+TEST_CASE("chroma is interpolated from its stated position") {
+  const TemporaryFolder folder;
+  const SourceCamera camera = camera_of(folder / "a.mov");
+  const auto files = files_of(folder);
+  write_bytes(camera.video,
+              repeating_video(uncompressed(32, 4, [](int pair) { return 100 + 4 * pair; }), 2, 32,
+                              4, {.codec = "2vuy", .extra = colour_box(6, true)}));
+  const cv::Mat image = first_frame(*files, camera);
+  for (int x = 4; x < 28; ++x) {  // away from the borders
+    INFO("column " << x << ": " << static_cast<cv::Vec3i>(image.at<cv::Vec3b>(2, x)));
+    // Cr grows by 2 per pixel, and is that of a pair at its first pixel.
+    CHECK(std::abs(image.at<cv::Vec3b>(2, x)[2] - (120 + 1.402 * (100 + 2 * x - 128))) <= 1.5);
+  }
+}
+
+TEST_CASE("frames are rotated as the video states") {
+  const TemporaryFolder folder;
+  const SourceCamera camera = camera_of(folder / "a.mov");
+  const auto files = files_of(folder);
+  constexpr std::uint32_t kOne = 0x10000, kMinus = 0xffff0000, kLast = 1u << 30;
+  cv::Mat stored(16, 32, CV_8UC3, cv::Scalar(20, 20, 20));
+  stored(cv::Rect(0, 0, 16, 8)).setTo(cv::Scalar(220, 220, 220));  // top left
+  const auto bright = [&](const std::string& matrix) {
+    write_bytes(camera.video, repeating_video(jpeg_of(stored, 95), 2, 32, 16, {.matrix = matrix}));
+    const cv::Mat image = first_frame(*files, camera);
+    const auto at = [&](int x, int y) {
+      return image.at<cv::Vec3b>(y * (image.rows - 1), x * (image.cols - 1))[0] > 128;
+    };
+    std::string corners;
+    for (const auto& [x, y] : {std::pair(0, 0), std::pair(1, 0), std::pair(1, 1), std::pair(0, 1)})
+      corners += at(x, y) ? '1' : '0';
+    return fmt::format("{}x{} {}", image.cols, image.rows, corners);
+  };
+  CHECK(bright(kUnity) == "32x16 1000");
+  CHECK(bright(big_endian({0, kOne, 0, kMinus, 0, 0, 0, 0, kLast})) == "16x32 0100");
+  CHECK(bright(big_endian({kMinus, 0, 0, 0, kMinus, 0, 0, 0, kLast})) == "32x16 0010");
+  CHECK(bright(big_endian({0, kMinus, 0, kOne, 0, 0, 0, 0, kLast})) == "16x32 0001");
 }
 
 }  // namespace

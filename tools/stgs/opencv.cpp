@@ -63,14 +63,6 @@ void set_up_opencv(const CommonOptions& options) {
   if (options.log_level != "debug") ::setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);
   // OpenCV reads it when it is loaded. The encoder checks the size that the header states before.
   ::setenv("OPENCV_IO_MAX_IMAGE_PIXELS", std::to_string(encoder::kMaxImagePixels).c_str(), 0);
-  // As the first. Behind the check of a video's first bytes, FFmpeg refuses other demuxers and
-  // URLs, and, while it opens a file, decodes only these codecs and no titles of chapters. The
-  // encoder examines frames of PNG and JPEG before they are decoded.
-  ::setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS",
-           "protocol_whitelist;file|format_whitelist;mov,mp4,matroska,webm,avi|codec_whitelist;"
-           "h264,hevc,av1,libdav1d,libaom-av1,vp8,vp9,mpeg4,mpeg2video,prores,dnxhd,cfhd,"
-           "ffv1,rawvideo,aac,mp3,ac3,opus,vorbis,pcm_s16le,pcm_s16be,pcm_s24le|ignore_chapters;1",
-           0);
 }
 
 Status prepare_capture(const std::string& capture, const std::string& folder,
@@ -97,14 +89,15 @@ void set_up_opencv(const CommonOptions&) {}
 Status prepare_capture(const std::string& capture, const std::string&,
                        const encoder::PrepareSettings&, Session&) {
   return not_built(
-      "{}: this build cannot prepare captures (no OpenCV); rebuild with libopencv-dev and "
-      "STGS_WITH_PREPARE=ON, or prepare on another machine",
+      "{}: this build cannot prepare captures (no OpenCV or FFmpeg); rebuild with the packages of "
+      "tools/setup/packages.txt and STGS_WITH_PREPARE=ON, or prepare on another machine",
       capture);
 }
 
 Status check_mp4_writer() {
   return not_built(
-      "this build has no mp4, because OpenCV was not found; rebuild with libopencv-dev");
+      "this build has no mp4, because OpenCV or FFmpeg was not found; rebuild with the packages of "
+      "tools/setup/packages.txt");
 }
 
 Result<std::unique_ptr<VideoWriter>> make_mp4_writer(const std::string& path, TimeBase,

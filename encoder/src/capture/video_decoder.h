@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: Apache-2.0
+// Decodes the frames of a video file with FFmpeg.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <opencv2/core.hpp>
+#include <span>
+#include <string>
+
+#include "stgs/format/status.h"
+
+namespace stgs::encoder {
+
+// What a file states about its video. The size is that of the stored frames, before rotation, and 0
+// if the file does not state it.
+struct VideoTrack {
+  int width = 0, height = 0;  // pixels
+  double fps = 0;             // 0: not stated
+  std::int64_t frames = 0;    // 0: not stated
+};
+
+// The video track of an MP4, MOV, Matroska, WebM or AVI file. Reads from front to back. Errors:
+// kNoMemory, kIo if the system refuses threads or descriptors, else kInvalidFile. Not thread-safe;
+// separate decoders are independent.
+class VideoDecoder {
+ public:
+  // Called with each stored frame before it is decoded. advance() returns its errors.
+  using CheckStored = std::function<Status(std::span<const std::uint8_t>)>;
+
+  // Opens the file `name`, but decodes no frame. `label` begins the messages. FFmpeg may use no
+  // protocol but `file`, and no demuxer but those above.
+  static Result<std::unique_ptr<VideoDecoder>> open(const std::string& name,
+                                                    const std::string& label, CheckStored check);
+  virtual ~VideoDecoder() = default;
+
+  virtual const VideoTrack& track() const = 0;
+  // Decodes the next frame in the order of presentation. Returns whether there is one.
+  virtual Result<bool> advance() = 0;
+  // Returns the current frame as 8-bit BGR, rotated as the file states (in steps of 90 degrees, as
+  // players do). Chroma is interpolated, from its stated position. The matrix and range are the
+  // stated ones. A file without them has BT.709 above 576 lines or from 1280 columns on, else
+  // BT.601, of limited range.
+  virtual Result<cv::Mat> image() = 0;
+};
+
+}  // namespace stgs::encoder
