@@ -56,8 +56,13 @@ class Preparing(CliTest):
         self.assertFalse(os.path.exists(self.path("out")))
         # The index is complete, but the frames are not.
         self.write("capture/cam03.mp4", self.read("capture/cam04.mp4")[:30000])
-        result = self.fails(INVALID, "cam03.mp4: cannot decode frame 0 of camera 'cam03'", *args)
+        video = "capture/cam03.mp4: video of camera 'cam03'"
+        result = self.fails(INVALID, f"{video}: cannot decode frame 0 ", *args)
         self.assertEqual(self.foreign_lines(result), [])
+        # The last frames are missing, and one is cut.
+        complete = self.read("capture/cam04.mp4")
+        self.write("capture/cam03.mp4", complete[:len(complete) * 4 // 5])
+        self.fails(INVALID, f"{video}: cannot decode frame [1-9][0-9]* .cut short", *args)
 
     def foreign_lines(self, result):
         """Returns the lines that libraries wrote to standard error directly."""

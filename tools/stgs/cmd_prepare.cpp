@@ -21,7 +21,12 @@ class Prepare final : public Command {
             "  stgs prepare capture/ -o prepared/ --frames 0:60 --scale 0.5 --test-cameras cam00"};
   }
   Shared shared() const override {
-    return {.progress = true, .log_level = true, .threads = true, .seed = true};
+    return {.progress = true,
+            .log_level = true,
+            .backend = "Backend of multi-view stereo",
+            .trains = true,
+            .threads = true,
+            .seed = true};
   }
   void declare(Arguments& app) override {
     app.add_option("CAPTURE", capture_, "Folder of videos or images")->required();

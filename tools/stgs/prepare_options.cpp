@@ -62,6 +62,7 @@ Result<encoder::PrepareSettings> PrepareOptions::settings(const CommonOptions& c
   }
   settings.separate_motion = !no_split_;
   settings.seed = common.seed;
+  settings.backend = common.backend;
   return settings;
 }
 

@@ -99,6 +99,7 @@ Status prepare_into(const std::string& capture, const std::string& folder,
   init.max_dynamic_points = settings.max_dynamic_points;
   init.max_static_points = settings.max_static_points;
   init.seed = settings.seed;
+  init.backend = settings.backend;
   init.flow_folder = source.flow_folder;
   init.flow_files = source.files;
   init.points = source.points;

@@ -275,6 +275,8 @@ Status FfmpegDecoder::send() {
                                                static_cast<std::size_t>(packet_->size));
     const bool is_video = packet_->stream_index == stream_->index && packet_->size > 0;
     Status status = is_video ? check_(stored) : Status();
+    if (status.ok() && is_video && (packet_->flags & AV_PKT_FLAG_CORRUPT) != 0)
+      status = explained({StatusCode::kInvalidFile, "cut short"});
     if (is_video && status.ok()) {
       error = avcodec_send_packet(codec_.get(), packet_.get());
       if (error < 0) status = explained(failure(error));

@@ -112,54 +112,70 @@ StereoProblem problem_of(const std::vector<Level>& levels, std::span<const int> 
   return problem;
 }
 
+class CpuMatcher final : public ViewMatcher {
+ public:
+  std::string name() const override { return "cpu"; }
+  Status run(const ViewPass& pass) override {
+    const int height = pass.problem.reference.height;
+    for (int y = 0; y < height; ++y) start_row(pass.problem, pass.map, y, pass.seed);
+    for (int k = pass.first; k < pass.first + pass.iterations; ++k) {
+      for (const int colour : {0, 1}) {
+        for (int y = 0; y < height; ++y)
+          update_row(pass.problem, pass.map, y, colour, k, pass.seed);
+      }
+    }
+    return {};
+  }
+};
+
 // The state of all views at one size.
 class Matcher {
  public:
   Matcher(const std::vector<StereoView>& views, const StereoSettings& settings,
-          const StereoLoop& loop)
-      : views_(views), settings_(settings), loop_(loop) {}
+          ViewMatcher& matcher, const StereoLoop& loop)
+      : views_(views), settings_(settings), matcher_(matcher), loop_(loop) {}
 
-  bool run() {
+  Status run() {
     levels_ = levels_of(views_, true);
     maps_.resize(views_.size());
     for (std::size_t i = 0; i < views_.size(); ++i) {
       maps_[i].planes.resize(levels_[i].corners.size());
       maps_[i].costs.resize(levels_[i].corners.size());
     }
-    if (!pass(0, kCoarseIterations, 0) || !consistent_passes()) return false;
+    STGS_TRY(pass(0, kCoarseIterations, 0));
+    STGS_TRY(consistent_passes());
     const std::vector<Level> coarse = std::exchange(levels_, levels_of(views_, false));
     for (std::size_t i = 0; i < views_.size(); ++i) refine(coarse[i].view, i);
-    return pass(kFineStart, kFineIterations, 0) && consistent_passes() && confirm();
+    STGS_TRY(pass(kFineStart, kFineIterations, 0));
+    STGS_TRY(consistent_passes());
+    return confirm();
   }
 
   std::vector<StereoMap> take() { return std::move(maps_); }
 
  private:
   // Iterates over all views. Each depends on the others' depths of earlier passes only.
-  bool pass(int first, int iterations, float consistency) {
+  Status pass(int first, int iterations, float consistency) {
     ++passes_;
     return loop_(static_cast<int>(views_.size()), [&](int i) {
       const auto view = static_cast<std::size_t>(i);
-      const StereoProblem problem = problem_at(view, consistency);
-      const PlaneMap map{maps_[view].planes.data(), maps_[view].costs.data()};
-      const std::uint64_t seed = settings_.seed + 0x10000 * view + 0x100 * passes_;
-      for (int y = 0; y < problem.reference.height; ++y) start_row(problem, map, y, seed);
-      for (int k = first; k < first + iterations; ++k) {
-        for (const int colour : {0, 1}) {
-          for (int y = 0; y < problem.reference.height; ++y)
-            update_row(problem, map, y, colour, k, seed);
-        }
-      }
+      ViewPass pass;
+      pass.problem = problem_at(view, consistency);
+      pass.map = {maps_[view].planes.data(), maps_[view].costs.data()};
+      pass.seed = settings_.seed + 0x10000 * view + 0x100 * passes_;
+      pass.first = first;
+      pass.iterations = iterations;
+      return matcher_.run(pass);
     });
   }
 
-  bool consistent_passes() {
+  Status consistent_passes() {
     for (int k = 0; k < kConsistentPasses; ++k) {
       take_depths();
-      if (!pass(kConsistentStart + k, kConsistentIterations, kConsistency)) return false;
+      STGS_TRY(pass(kConsistentStart + k, kConsistentIterations, kConsistency));
     }
     take_depths();
-    return true;
+    return {};
   }
 
   void take_depths() {
@@ -195,8 +211,8 @@ class Matcher {
   }
 
   // Counts the views that confirm each plane.
-  bool confirm() {
-    return loop_(static_cast<int>(views_.size()), [&](int i) {
+  Status confirm() {
+    return loop_(static_cast<int>(views_.size()), [&](int i) -> Status {
       const auto view = static_cast<std::size_t>(i);
       StereoMap& map = maps_[view];
       map.confirmations.assign(map.planes.size(), 0);
@@ -218,6 +234,7 @@ class Matcher {
       for (std::uint8_t& count : map.confirmations) {
         if (count < settings_.needed) count = 0;
       }
+      return {};
     });
   }
 
@@ -239,6 +256,7 @@ class Matcher {
 
   const std::vector<StereoView>& views_;
   const StereoSettings& settings_;
+  ViewMatcher& matcher_;
   const StereoLoop& loop_;
   std::vector<Level> levels_;
   std::vector<StereoMap> maps_;
@@ -247,11 +265,16 @@ class Matcher {
 
 }  // namespace
 
-std::vector<StereoMap> match_views(const std::vector<StereoView>& views,
-                                   const StereoSettings& settings, const StereoLoop& loop) {
-  Matcher matcher(views, settings, loop);
-  if (!matcher.run()) return {};
-  return matcher.take();
+Result<std::vector<StereoMap>> match_views(const std::vector<StereoView>& views,
+                                           const StereoSettings& settings, ViewMatcher& matcher,
+                                           const StereoLoop& loop) {
+  Matcher matching(views, settings, matcher, loop);
+  STGS_TRY(matching.run());
+  return matching.take();
+}
+
+std::unique_ptr<ViewMatcher> make_cpu_matcher() {
+  return std::make_unique<CpuMatcher>();
 }
 
 }  // namespace stgs::encoder::geometry

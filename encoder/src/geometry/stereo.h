@@ -7,6 +7,8 @@
 #include <vector>
 
 #include "geometry/stereo_problem.h"
+#include "geometry/view_matcher.h"
+#include "stgs/format/status.h"
 
 namespace stgs::encoder::geometry {
 
@@ -33,13 +35,15 @@ struct StereoMap {
   std::vector<std::uint8_t> confirmations;  // other views that confirm it; 0: fewer than needed
 };
 
-// Runs task(i) for i in [0, count) in parallel; returns false if it was cancelled.
-using StereoLoop = std::function<bool(int count, const std::function<void(int)>& task)>;
+// Runs task(i) for i in [0, count) in parallel. Returns the error of a task, or of cancelling.
+using StereoLoop = std::function<Status(int count, const std::function<Status(int)>& task)>;
 
-// Returns the maps of all views; none if `loop` is cancelled. A plane is confirmed by a view with a
-// plane at the same depth, within 1 % and 1.5 pixels. Calls `loop` kStereoLoops times.
+// Returns the maps of all views. A plane is confirmed by a view with a plane at the same depth,
+// within 1 % and 1.5 pixels. Calls `loop` kStereoLoops times, unless it fails, and returns its
+// errors.
 inline constexpr int kStereoLoops = 7;
-std::vector<StereoMap> match_views(const std::vector<StereoView>& views,
-                                   const StereoSettings& settings, const StereoLoop& loop);
+Result<std::vector<StereoMap>> match_views(const std::vector<StereoView>& views,
+                                           const StereoSettings& settings, ViewMatcher& matcher,
+                                           const StereoLoop& loop);
 
 }  // namespace stgs::encoder::geometry

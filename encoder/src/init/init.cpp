@@ -119,7 +119,7 @@ Status find_static(State& state) {
                              state.scene.range.farthest));
   state.work.stage("static depth", 2);
   STGS_TRY(find_static_depth(backgrounds[0], state.work, &state.scene));
-  return refine_static_depth(backgrounds[0], state.work, &state.scene);
+  return refine_static_depth(backgrounds[0], state.settings.backend, state.work, &state.scene);
 }
 
 // Returns the points that came with the capture, except those on dynamic content in frame 0.

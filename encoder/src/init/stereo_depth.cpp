@@ -59,7 +59,7 @@ StereoDepth depth_of(const geometry::StereoView& view, const geometry::StereoMap
 
 Result<std::vector<StereoDepth>> match_static(const std::vector<StaticImage>& inputs,
                                               const cv::Vec3d& focus, const DepthRange& range,
-                                              Work& work) {
+                                              const std::string& backend, Work& work) {
   std::vector<StereoDepth> depths;
   std::vector<View> views;
   for (const StaticImage& input : inputs) {
@@ -76,24 +76,22 @@ Result<std::vector<StereoDepth>> match_static(const std::vector<StaticImage>& in
   geometry::StereoSettings settings;
   settings.nearest = float(range.nearest);
   settings.farthest = float(range.farthest);
-  Status status;
-  const auto loop = [&](int count, const std::function<void(int)>& task) {
-    status = work.for_each(count, [&](int i) -> Status {
-      task(i);
-      return {};
-    });
-    return status.ok();
-  };
-  const std::vector<geometry::StereoMap> maps = geometry::match_views(images, settings, loop);
-  STGS_TRY(status);
+  STGS_ASSIGN(const auto matcher,
+              geometry::make_matcher(
+                  backend, [&work](int level, const std::string& line) { work.log(line, level); }));
+  STGS_ASSIGN(const std::vector<geometry::StereoMap> maps,
+              geometry::match_views(images, settings, *matcher,
+                                    [&work](int count, const std::function<Status(int)>& task) {
+                                      return work.for_each(count, task);
+                                    }));
   std::size_t confirmed = 0, pixels = 0;
   for (std::size_t i = 0; i < maps.size(); ++i) {
     depths.push_back(depth_of(images[i], maps[i]));
     confirmed += std::size_t(cv::countNonZero(depths.back().depth > 0));
     pixels += maps[i].planes.size();
   }
-  work.log(fmt::format("stereo: {:.0f} % of the pixels are confirmed by other views",
-                       100.0 * double(confirmed) / double(pixels)));
+  work.log(fmt::format("stereo: {:.0f} % of the pixels are confirmed by other views, backend {}",
+                       100.0 * double(confirmed) / double(pixels), matcher->name()));
   return depths;
 }
 

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <opencv2/core.hpp>
+#include <string>
 #include <vector>
 
 #include "init/view.h"
@@ -20,10 +21,11 @@ struct StereoDepth {
   cv::Mat cost;    // CV_32F, in [0, 1]
 };
 
-// Matches the images within a depth range. Returns one result per image, at about half its size, or
-// none if the rig is dense (rig.h), where a sweep is as good, or has fewer than three cameras.
+// Matches the images within a depth range, on `backend` (view_matcher.h). Returns one result per
+// image, at about half its size, or none if the rig is dense (rig.h), where a sweep is as good, or
+// has fewer than three cameras.
 Result<std::vector<StereoDepth>> match_static(const std::vector<StaticImage>& inputs,
                                               const cv::Vec3d& focus, const DepthRange& range,
-                                              Work& work);
+                                              const std::string& backend, Work& work);
 
 }  // namespace stgs::encoder::init

@@ -140,6 +140,7 @@ typedef struct stgs_prepare_settings {
                                     * folder; default 0 */
   int32_t trust_calibration;       /* 1: only warn if a mistake in the calibration is found; 0
                                     * (default): STGS_ERROR_INVALID_FILE */
+  stgs_backend backend;            /* of multi-view stereo, as in stgs_train_settings */
 } stgs_prepare_settings;
 
 /* Fills settings with the defaults. `struct_size` is sizeof(*settings). */
@@ -161,7 +162,7 @@ typedef struct stgs_prepare_report {
  * The folder `prepared` must not exist, be empty or, with `overwrite`, hold a prepared capture.
  * NULL settings: the defaults. NULL report: not returned. Runs the program colmap if it is
  * installed, for better points and to calibrate captures without calibration, which otherwise fail.
- * STGS_ERROR_NOT_BUILT: the build lacks OpenCV; it can train and pack captures prepared
+ * STGS_ERROR_NOT_BUILT: the build lacks OpenCV or FFmpeg; it can train and pack captures prepared
  * elsewhere. */
 STGS_API stgs_result stgs_encoder_prepare(stgs_encoder* encoder, const char* capture,
                                           const char* prepared,

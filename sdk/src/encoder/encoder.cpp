@@ -111,6 +111,20 @@ Outcome check_frames(std::int32_t first, std::int32_t end) {
                       first, end)};
 }
 
+Outcome check_backend(stgs_backend backend) {
+  if (backend == STGS_BACKEND_VULKAN) {
+    return {STGS_ERROR_NOT_BUILT,
+            "settings: STGS_BACKEND_VULKAN cannot encode (expected STGS_BACKEND_AUTO, _CPU or "
+            "_CUDA)"};
+  }
+  return check_range("backend", backend, STGS_BACKEND_AUTO, STGS_BACKEND_CUDA);
+}
+
+const char* backend_name(stgs_backend backend) {
+  constexpr const char* kNames[] = {"auto", "cpu", "cuda"};
+  return kNames[backend];
+}
+
 Outcome check_path(const char* argument, const char* path) {
   if (path != nullptr && *path != '\0') return {};
   return {STGS_ERROR_ARGUMENT,

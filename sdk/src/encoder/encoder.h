@@ -53,6 +53,9 @@ Outcome check_ranges(const Settings& settings) {
 Outcome check_flag(const char* field, std::int32_t value);
 // Checks that a range of frames is not empty; an end of -1 is open.
 Outcome check_frames(std::int32_t first, std::int32_t end);
+// Checks the backend of an encoder, and returns its name.
+Outcome check_backend(stgs_backend backend);
+const char* backend_name(stgs_backend backend);
 // Checks that a path is neither NULL nor empty.
 Outcome check_path(const char* argument, const char* path);
 

@@ -49,6 +49,7 @@ Outcome check(const stgs_prepare_settings& s) {
   STGS_SDK_TRY(check_frames(s.first_frame, s.end_frame));
   STGS_SDK_TRY(check_ranges<encoder::PrepareParameters>(s));
   STGS_SDK_TRY(check_test_cameras(s));
+  STGS_SDK_TRY(check_backend(s.backend));
   STGS_SDK_TRY(check_flag("separate_motion", s.separate_motion));
   STGS_SDK_TRY(check_flag("overwrite", s.overwrite));
   STGS_SDK_TRY(check_flag("allow_outside", s.allow_outside));
@@ -76,6 +77,7 @@ Outcome prepare(const char* capture, const char* prepared, const stgs_prepare_se
   settings.test_cameras.assign(s.test_cameras, s.test_cameras + s.test_camera_count);
   settings.separate_motion = s.separate_motion != 0;
   settings.seed = s.seed;
+  settings.backend = backend_name(s.backend);
   settings.overwrite = s.overwrite != 0;
   settings.allow_outside = s.allow_outside != 0;
   settings.trust_calibration = s.trust_calibration != 0;
@@ -87,7 +89,8 @@ Outcome prepare(const char* capture, const char* prepared, const stgs_prepare_se
 Outcome prepare(const char* capture, const char*, const stgs_prepare_settings&,
                 const encoder::ProgressSink&, const encoder::LogSink&) {
   return not_built(
-      "{}: this build cannot prepare captures, because it lacks OpenCV; prepare the capture with "
+      "{}: this build cannot prepare captures, because it lacks OpenCV or FFmpeg; prepare the "
+      "capture with "
       "another build",
       capture);
 }

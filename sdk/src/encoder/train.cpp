@@ -39,12 +39,7 @@ Outcome check_parameters(const stgs_train_settings& s) {
 
 Outcome check(const stgs_train_settings& s) {
   STGS_SDK_TRY(check_range("preset", s.preset, STGS_PRESET_DEFAULT, STGS_PRESET_BEST));
-  if (s.backend == STGS_BACKEND_VULKAN) {
-    return {STGS_ERROR_NOT_BUILT,
-            "settings: STGS_BACKEND_VULKAN cannot train (expected STGS_BACKEND_AUTO, _CPU or "
-            "_CUDA)"};
-  }
-  STGS_SDK_TRY(check_range("backend", s.backend, STGS_BACKEND_AUTO, STGS_BACKEND_CUDA));
+  STGS_SDK_TRY(check_backend(s.backend));
   STGS_SDK_TRY(check_ranges<encoder::TrainParameters>(s));
   STGS_SDK_TRY(check_frames(s.first_frame, s.end_frame));
   STGS_SDK_TRY(check_flag("allow_outside", s.allow_outside));
@@ -55,10 +50,9 @@ Outcome check(const stgs_train_settings& s) {
 
 encoder::TrainSettings training_of(const stgs_train_settings& s) {
   constexpr const char* kPresets[] = {"default", "fast", "best"};
-  constexpr const char* kBackends[] = {"auto", "cpu", "cuda"};
   encoder::TrainSettings settings;
   settings.preset = kPresets[s.preset];
-  settings.backend = kBackends[s.backend];
+  settings.backend = backend_name(s.backend);
   copy_parameters<encoder::TrainParameters>(s, settings);
   settings.seed = s.seed;
   settings.checkpoint = text_of(s.checkpoint);

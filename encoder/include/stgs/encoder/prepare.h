@@ -45,7 +45,8 @@ struct PrepareSettings {
   int max_dynamic_points = 0;
   int max_static_points = 0;
   std::uint64_t seed = 1;
-  bool overwrite = false;  // replace an existing prepared capture at the target
+  std::string backend = "auto";  // of multi-view stereo: auto, cpu or cuda
+  bool overwrite = false;        // replace an existing prepared capture at the target
   // Allow the capture to name files outside its folder, directly or by links: it is trusted.
   bool allow_outside = false;
   // A calibration that a known mistake explains is a warning instead of an error.

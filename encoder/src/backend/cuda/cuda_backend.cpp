@@ -5,6 +5,8 @@
 #include <thread>
 #include <utility>
 
+#include "backend/cuda/select_gpu.h"
+
 namespace stgs::encoder {
 namespace cuda {
 namespace {
@@ -61,10 +63,6 @@ Status check_instances(std::size_t instances) {
       instances, kMaxInstances);
 }
 
-Status no_device(const char* reason) {
-  return unsupported("no usable NVIDIA GPU: {}", reason);
-}
-
 }  // namespace
 
 CudaBackend::~CudaBackend() {
@@ -74,25 +72,8 @@ CudaBackend::~CudaBackend() {
 }
 
 Status CudaBackend::create(int gpu) {
-  int count = 0;
-  if (const cudaError_t error = cudaGetDeviceCount(&count); error != cudaSuccess) {
-    // The runtime reports the same error for a missing driver and for one that is too old.
-    if (error == cudaErrorInsufficientDriver) return no_device("NVIDIA driver missing or too old");
-    return no_device(cudaGetErrorString(error));
-  }
-  if (count == 0) return no_device("no device found");
-  cudaDeviceProp properties{};
-  const int device = gpu % count;
-  STGS_TRY(cuda_status(cudaSetDevice(device), "choosing the GPU"));
-  STGS_TRY(cuda_status(cudaGetDeviceProperties(&properties, device), "querying the GPU"));
+  STGS_ASSIGN(const cudaDeviceProp properties, select_gpu(gpu));
   name_ = fmt::format("cuda ({})", properties.name);
-  if (const cudaError_t error = kernels_loadable(); error != cudaSuccess) {
-    (void)cudaGetLastError();
-    return unsupported(
-        "this build has no code for the {} (compute capability {}.{}); rebuild with "
-        "-DCMAKE_CUDA_ARCHITECTURES={}{}",
-        properties.name, properties.major, properties.minor, properties.major, properties.minor);
-  }
   STGS_TRY(stream_.create());
   STGS_TRY(pipeline_.create(stream_));
   STGS_TRY(densifier_.create());

@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+// Where PatchMatch runs: on the CPU or on a GPU.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "geometry/patch_match.h"
+#include "stgs/encoder/progress.h"
+#include "stgs/format/status.h"
+
+namespace stgs::encoder::geometry {
+
+// A pass over the pixels of a view. All pointers are of host memory.
+struct ViewPass {
+  StereoProblem problem;
+  PlaneMap map;  // in: planes, of depth 0 where a random one is drawn; out: planes and costs
+  std::uint64_t seed = 0;
+  int first = 0, iterations = 0;  // the iterations [first, first + iterations)
+};
+
+class ViewMatcher {
+ public:
+  virtual ~ViewMatcher() = default;
+  virtual std::string name() const = 0;
+  // Starts all pixels and iterates over both colours. Thread-safe. kRuntime if a GPU fails.
+  virtual Status run(const ViewPass& pass) = 0;
+};
+
+std::unique_ptr<ViewMatcher> make_cpu_matcher();
+// kNotBuilt without CUDA, kUnsupported without a GPU.
+Result<std::unique_ptr<ViewMatcher>> make_cuda_matcher();
+// `backend`: "cpu", "cuda" or "auto", which is CUDA if it is built and there is a GPU.
+Result<std::unique_ptr<ViewMatcher>> make_matcher(const std::string& backend, const LogSink& log);
+
+}  // namespace stgs::encoder::geometry
