@@ -108,7 +108,7 @@ class HostileCapture(CliTest):
 
     @unittest.skipUnless(harness.built_in("prepare"), "prepare is not built in")
     def test_videos_that_repeat_a_stored_frame_are_rejected(self):
-        """FFmpeg decodes a frame that is followed by stray bytes, but does not return its bytes."""
+        """FFmpeg decodes a frame that is followed by stray bytes."""
         os.mkdir(self.path("videos"))
         frames = [{"file_path": name, "transform_matrix": [[1, 0, 0, x], [0, 1, 0, 0], [0, 0, 1, 5], [0, 0, 0, 1]]}
                   for x, name in enumerate(("a.mp4", "b.mp4"))]

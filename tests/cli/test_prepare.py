@@ -2,6 +2,7 @@
 """`stgs prepare`: captures and arguments that it rejects, and interruptions."""
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -18,7 +19,7 @@ class Preparing(CliTest):
     def setUp(self):
         super().setUp()
         if not harness.built_in("prepare"):
-            self.fails(NOT_BUILT, "cannot prepare captures: install OpenCV", "prepare", self.work,
+            self.fails(NOT_BUILT, "cannot prepare captures .no OpenCV or FFmpeg.", "prepare", self.work,
                        "-o", "out")
             self.skipTest("prepare is not built in")
 
@@ -62,7 +63,18 @@ class Preparing(CliTest):
         # The last frames are missing, and one is cut.
         complete = self.read("capture/cam04.mp4")
         self.write("capture/cam03.mp4", complete[:len(complete) * 4 // 5])
-        self.fails(INVALID, f"{video}: cannot decode frame [1-9][0-9]* .cut short", *args)
+        cut = self.fails(INVALID, f"{video}: cannot decode frame [1-9][0-9]* .cut short", *args)
+        # All frames before it are usable.
+        frame = re.search(rb"decode frame ([0-9]+)", cut.stderr)[1].decode()
+        self.succeeds(*args, "--frames", f"0:{frame}", "--scale", "0.2", "--no-split")
+
+    @unittest.skipIf(os.path.exists("/dev/nvidiactl"), "there is an NVIDIA GPU")
+    def test_a_missing_backend_is_an_error_before_the_work(self):
+        text = self.succeeds("--version").stdout.decode()
+        code = UNSUPPORTED if "trains with: cpu cuda" in text else NOT_BUILT
+        self.fails(code, "use --backend cpu", "prepare", harness.sample(), "-o", "out", "--backend",
+                   "cuda")
+        self.assertFalse(os.path.exists(self.path("out")))
 
     def foreign_lines(self, result):
         """Returns the lines that libraries wrote to standard error directly."""

@@ -137,7 +137,7 @@ class Help(CliTest):
         expected = {
             "--progress": rendering | training | {"prepare", "pack"},
             "--log-level": training | {"prepare", "render", "pack", "convert", "finalize", "play", "serve", "web"},
-            "--backend": rendering | training,
+            "--backend": rendering | training | {"prepare"},
             "--threads": rendering | training | {"prepare", "pack", "validate", "convert", "play"},
             "--seed": training | {"prepare", "bench"},
             "--timeout": rendering | {"info", "validate", "play", "web"},

@@ -36,22 +36,24 @@ const std::string kUnity = big_endian({0x10000, 0, 0, 0, 0x10000, 0, 0, 0, 1u <<
 struct Description {
   std::string codec = "jpeg", extra = {};
   std::string matrix = kUnity;
+  std::uint32_t stored_frames = 1;  // of equal numbers of bytes
 };
 
-// An MP4 whose table lists the one stored frame `frames` times.
+// An MP4 whose table lists the stored frames in turn, `frames` in total.
 std::string repeating_video(const std::string& stored, std::uint32_t frames, std::uint32_t width,
                             std::uint32_t height, const Description& description = {}) {
   const std::string zeros(32, '\0');
   const std::string begin = box("ftyp", std::string("isom\0\0\2\0isommp41", 16));
   const auto offset = static_cast<std::uint32_t>(begin.size() + 8);
-  const auto size = static_cast<std::uint32_t>(stored.size());
+  const auto size = static_cast<std::uint32_t>(stored.size()) / description.stored_frames;
   const std::string entry =
       box(description.codec.c_str(), zeros.substr(0, 6) + big_endian({1}, 2) + zeros.substr(0, 16) +
                                          big_endian({width, height}, 2) +
                                          big_endian({0x480000, 0x480000, 0}) + big_endian({1}, 2) +
                                          zeros + big_endian({24, 0xffff}, 2) + description.extra);
   std::string offsets = big_endian({frames});
-  for (std::uint32_t i = 0; i < frames; ++i) offsets += big_endian({offset});
+  for (std::uint32_t i = 0; i < frames; ++i)
+    offsets += big_endian({offset + i % description.stored_frames * size});
   const std::string table =
       box("stbl", full_box("stsd", big_endian({1}) + entry) +
                       full_box("stts", big_endian({1, frames, 1000})) +
@@ -221,6 +223,7 @@ TEST_CASE("videos are converted with the matrix and the range that they state") 
   struct Case {
     std::string colour;
     double red, green, luma;
+    int width = 32;
   };
   const double limited = 255.0 / 224, luma = (120 - 16) * 255.0 / 219;
   for (const Case& c : {Case{colour_box(1, false), 1.5748 * limited, -0.4681 * limited, luma},
@@ -228,9 +231,11 @@ TEST_CASE("videos are converted with the matrix and the range that they state") 
                         Case{colour_box(1, true), 1.5748, -0.4681, 120},
                         Case{colour_box(6, true), 1.402, -0.7141, 120},
                         // Not stated: as small videos usually are.
-                        Case{"", 1.402 * limited, -0.7141 * limited, luma}}) {
-    write_bytes(camera.video, repeating_video(uncompressed(32, 4, [](int) { return 158; }), 2, 32,
-                                              4, {.codec = "2vuy", .extra = c.colour}));
+                        Case{"", 1.402 * limited, -0.7141 * limited, luma},
+                        Case{"", 1.5748 * limited, -0.4681 * limited, luma, 1280}}) {
+    write_bytes(camera.video, repeating_video(uncompressed(c.width, 4, [](int) { return 158; }), 2,
+                                              static_cast<std::uint32_t>(c.width), 4,
+                                              {.codec = "2vuy", .extra = c.colour}));
     const cv::Vec3b found = first_frame(*files, camera).at<cv::Vec3b>(2, 16);
     INFO(c.red << ": " << static_cast<cv::Vec3i>(found));
     CHECK(std::abs(found[2] - (c.luma + 30 * c.red)) <= 1.5);
@@ -252,6 +257,32 @@ TEST_CASE("chroma is interpolated from its stated position") {
     // Cr grows by 2 per pixel, and is that of a pair at its first pixel.
     CHECK(std::abs(image.at<cv::Vec3b>(2, x)[2] - (120 + 1.402 * (100 + 2 * x - 128))) <= 1.5);
   }
+}
+
+TEST_CASE("a matrix that FFmpeg lacks is refused") {
+  const TemporaryFolder folder;
+  const SourceCamera camera = camera_of(folder / "a.mov");
+  write_bytes(camera.video, repeating_video(uncompressed(32, 4, [](int) { return 128; }), 2, 32, 4,
+                                            {.codec = "2vuy", .extra = colour_box(14, false)}));
+  const Status status = probe_frames(*files_of(folder), camera).status();
+  INFO(status.message());
+  CHECK(status.code() == StatusCode::kUnsupported);
+  CHECK(fails_with(status, {"a.mov", "frame 0", "ictcp", "BT.709"}));
+}
+
+TEST_CASE("a frame of another size than the first is refused, also while frames are skipped") {
+  const TemporaryFolder folder;
+  const SourceCamera camera = camera_of(folder / "a.mp4");
+  std::string small = jpeg_of(cv::Mat(16, 32, CV_8UC3, cv::Scalar::all(90)), 90),
+              large = jpeg_of(cv::Mat(64, 128, CV_8UC3, cv::Scalar::all(90)), 90);
+  small.resize(2000);
+  large.resize(2000);
+  write_bytes(camera.video, repeating_video(small + large, 6, 32, 16, {.stored_frames = 2}));
+  const auto files = files_of(folder);
+  const Status status = VideoReader::open(*files, camera, 3).status();
+  INFO(status.message());
+  CHECK(status.code() == StatusCode::kInvalidFile);
+  CHECK(fails_with(status, {"a.mp4", "frame 1", "differs in size", "32x16", "128x64"}));
 }
 
 TEST_CASE("frames are rotated as the video states") {

@@ -23,7 +23,7 @@ class Prepare final : public Command {
   Shared shared() const override {
     return {.progress = true,
             .log_level = true,
-            .backend = "Backend of multi-view stereo",
+            .backend = "Backend of stereo for a sparse rig",
             .trains = true,
             .threads = true,
             .seed = true};

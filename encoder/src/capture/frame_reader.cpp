@@ -21,8 +21,8 @@ constexpr int kImageFlags = cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION;
 // AV1 video of 3840x2160 pixels has 36 bytes per frame, 232,000 pixels per byte.
 constexpr std::uint64_t kMinFrameBytes = 8;
 constexpr std::uint64_t kMaxPixelsPerByte = std::uint64_t{1} << 20;
-// Stored frames have at most twice the bytes of the file, and this: FFmpeg repeats the parameters
-// of the codec before each keyframe.
+// Stored frames have at most twice the bytes of the file, and this: a table may list a frame that
+// repeats more than once.
 constexpr std::uint64_t kRepeatedBytes = std::uint64_t{16} << 20;
 
 // Adds the sizes of the stored frames that are decoded. The table of a container may list one any
@@ -78,7 +78,7 @@ Result<OpenVideo> open_video(const CaptureFolder& files, const SourceCamera& cam
                                  [frames = StoredFrames(camera, bytes)](auto stored) mutable {
                                    return frames.check(stored);
                                  }));
-  // Before FFmpeg decodes a frame. Containers may state no size.
+  // Before the decoder gets a frame. Containers may state no size.
   const VideoTrack& track = decoder->track();
   if (track.width > 0 && track.height > 0) {
     STGS_TRY(check_image_size(track.width, track.height, path));

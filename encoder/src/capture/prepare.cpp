@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "capture_files.h"
+#include "geometry/view_matcher.h"
 #include "init/init.h"
 #include "plural.h"
 #include "source_capture.h"
@@ -124,6 +125,8 @@ class SerialOpenCv {
 Status prepare(const std::string& capture, const std::string& folder,
                const PrepareSettings& settings, const ProgressSink& progress, const LogSink& log) {
   STGS_TRY(check(settings));
+  // A backend that this machine lacks is an error also where no stereo is needed.
+  if (settings.backend != "auto") STGS_TRY(geometry::make_matcher(settings.backend, {}).status());
   const LogSink log_or_none = log ? log : [](int, const std::string&) {};
   try {
     const SerialOpenCv serial;

@@ -2,28 +2,23 @@
 #include "video_decoder.h"
 
 #include <algorithm>
-#include <cerrno>
 #include <cmath>
-#include <opencv2/core.hpp>
 #include <utility>
 
+#include "frame_converter.h"
 #include "stgs/encoder/image_file.h"
-#include "stgs/format/parallel.h"
 
 extern "C" {
 #include <libavcodec/avcodec.h>
 #include <libavformat/avformat.h>
 #include <libavutil/display.h>
-#include <libavutil/opt.h>
-#include <libavutil/pixdesc.h>
-#include <libswscale/swscale.h>
 }
 
 namespace stgs::encoder {
 namespace {
 
-// While FFmpeg opens a file, it decodes only these codecs. The frames that it decodes later have
-// been checked before.
+// While FFmpeg opens a file, it decodes frames of these codecs only, to learn their format. Frames
+// of others, such as PNG and JPEG, are checked before they are decoded.
 constexpr const char* kProbedCodecs =
     "h264,hevc,av1,libdav1d,libaom-av1,vp8,vp9,mpeg4,mpeg2video,prores,dnxhd,cfhd,ffv1,rawvideo,"
     "aac,mp3,ac3,opus,vorbis,pcm_s16le,pcm_s16be,pcm_s24le";
@@ -36,96 +31,6 @@ using Format = std::unique_ptr<AVFormatContext, Freed<AVFormatContext, avformat_
 using Codec = std::unique_ptr<AVCodecContext, Freed<AVCodecContext, avcodec_free_context>>;
 using Packet = std::unique_ptr<AVPacket, Freed<AVPacket, av_packet_free>>;
 using Frame = std::unique_ptr<AVFrame, Freed<AVFrame, av_frame_free>>;
-struct FreeScaler {
-  void operator()(SwsContext* scaler) const { sws_freeContext(scaler); }
-};
-using Scaler = std::unique_ptr<SwsContext, FreeScaler>;
-
-Status no_memory() {
-  return {StatusCode::kNoMemory, "not enough memory"};
-}
-
-Status failure(int error) {
-  if (error == AVERROR(ENOMEM)) return no_memory();
-  char text[AV_ERROR_MAX_STRING_SIZE];
-  std::string reason = av_make_error_string(text, sizeof text, error);
-  for (const int of_system : {EAGAIN, EMFILE, ENFILE}) {
-    if (error == AVERROR(of_system)) return {StatusCode::kIo, std::move(reason)};
-  }
-  return {StatusCode::kInvalidFile, std::move(reason)};
-}
-
-// The form of frames on which their conversion depends.
-struct Form {
-  int width = 0, height = 0;
-  AVPixelFormat pixels = AV_PIX_FMT_NONE;
-  AVColorSpace matrix = AVCOL_SPC_UNSPECIFIED;
-  AVChromaLocation chroma = AVCHROMA_LOC_UNSPECIFIED;
-  bool full_range = false;
-  bool operator==(const Form&) const = default;
-};
-
-// Formats that imply the full range.
-bool has_full_range(AVPixelFormat format) {
-  switch (format) {
-    case AV_PIX_FMT_YUVJ411P:
-    case AV_PIX_FMT_YUVJ420P:
-    case AV_PIX_FMT_YUVJ422P:
-    case AV_PIX_FMT_YUVJ440P:
-    case AV_PIX_FMT_YUVJ444P:
-      return true;
-    default:
-      return false;
-  }
-}
-
-Form form_of(const AVFrame& frame) {
-  Form form;
-  form.width = frame.width;
-  form.height = frame.height;
-  form.pixels = static_cast<AVPixelFormat>(frame.format);
-  form.matrix = frame.colorspace;
-  if (form.matrix == AVCOL_SPC_UNSPECIFIED || form.matrix == AVCOL_SPC_RGB)
-    form.matrix = frame.width >= 1280 || frame.height > 576 ? AVCOL_SPC_BT709 : AVCOL_SPC_SMPTE170M;
-  form.full_range = frame.color_range == AVCOL_RANGE_JPEG || has_full_range(form.pixels);
-  form.chroma = frame.chroma_location;
-  if (form.chroma == AVCHROMA_LOC_UNSPECIFIED)
-    form.chroma = has_full_range(form.pixels) ? AVCHROMA_LOC_CENTER : AVCHROMA_LOC_LEFT;
-  return form;
-}
-
-// Makes a converter to BGR of the same size.
-Result<Scaler> make_scaler(const Form& form) {
-  Scaler scaler(sws_alloc_context());
-  if (scaler == nullptr) return no_memory();
-  const auto set = [&](const char* option, std::int64_t value) {
-    av_opt_set_int(scaler.get(), option, value, 0);
-  };
-  set("srcw", form.width);
-  set("srch", form.height);
-  set("src_format", form.pixels);
-  set("dstw", form.width);
-  set("dsth", form.height);
-  set("dst_format", AV_PIX_FMT_BGR24);
-  // Without the last three, swscale repeats each chroma value for all of its pixels.
-  set("sws_flags", SWS_BICUBIC | SWS_ACCURATE_RND | SWS_FULL_CHR_H_INP | SWS_FULL_CHR_H_INT);
-  // The position of a chroma sample from its first pixel, in 1/256 pixels.
-  const AVPixFmtDescriptor* const layout = av_pix_fmt_desc_get(form.pixels);
-  const AVChromaLocation c = form.chroma;
-  if (layout != nullptr && layout->log2_chroma_w > 0)
-    set("src_h_chr_pos",
-        c == AVCHROMA_LOC_CENTER || c == AVCHROMA_LOC_TOP || c == AVCHROMA_LOC_BOTTOM ? 128 : 0);
-  if (layout != nullptr && layout->log2_chroma_h > 0)
-    set("src_v_chr_pos", c == AVCHROMA_LOC_TOPLEFT || c == AVCHROMA_LOC_TOP         ? 0
-                         : c == AVCHROMA_LOC_BOTTOMLEFT || c == AVCHROMA_LOC_BOTTOM ? 256
-                                                                                    : 128);
-  // It fails for RGB, which has no matrix.
-  sws_setColorspaceDetails(scaler.get(), sws_getCoefficients(form.matrix), form.full_range,
-                           sws_getCoefficients(SWS_CS_DEFAULT), 1, 0, 1 << 16, 1 << 16);
-  const int error = sws_init_context(scaler.get(), nullptr, nullptr);
-  if (error < 0) return failure(error);
-  return scaler;
-}
 
 // Returns the clockwise rotation that the file states, as a code of cv::rotate(); -1: none.
 int rotation_of(const AVStream& stream) {
@@ -171,7 +76,10 @@ class FfmpegDecoder final : public VideoDecoder {
   void describe();
   // Gives the decoder the next stored frame; after the last, ends its input.
   Status send();
-  // Adds the frame to an error.
+  // Gives it the packet.
+  Status send_packet();
+  Status check_size() const;
+  // Adds the file, the frame and a remedy to an error.
   Status explained(const Status& status) const;
 
   std::string label_;
@@ -180,35 +88,41 @@ class FfmpegDecoder final : public VideoDecoder {
   Codec codec_;
   Packet packet_;
   Frame decoded_;
-  Scaler scaler_;
-  Form form_;  // of scaler_
+  FrameConverter converter_;
   VideoTrack track_;
   AVStream* stream_ = nullptr;  // of format_
   int rotation_ = -1;
-  int frame_ = -1;  // number of the current one
+  int frame_ = -1;              // number of the current one
+  int width_ = 0, height_ = 0;  // of the first decoded frame
   bool ended_ = false;
+  Status error_;             // after the frames that are still in the decoder
+  bool is_refused_ = false;  // error_ is one of check_
 };
 
 Status FfmpegDecoder::open(const std::string& name) {
   Status status = open_format(name);
   if (status.ok()) status = open_codec();
-  if (!status.ok()) {
-    return {status.code(),
-            fmt::format("{}: cannot be opened ({}); check that ffmpeg plays it and that /proc is "
-                        "mounted",
-                        label_, status.message())};
+  if (status.code() == StatusCode::kInvalidFile) {
+    return {status.code(), fmt::format("{}: cannot be opened ({}); check that ffmpeg plays it, and "
+                                       "that /proc is mounted",
+                                       label_, status.message())};
   }
-  describe();
-  packet_.reset(av_packet_alloc());
-  decoded_.reset(av_frame_alloc());
-  return packet_ == nullptr || decoded_ == nullptr ? no_memory() : Status();
+  if (status.ok()) {
+    describe();
+    packet_.reset(av_packet_alloc());
+    decoded_.reset(av_frame_alloc());
+    if (packet_ == nullptr || decoded_ == nullptr) status = ffmpeg_error(AVERROR(ENOMEM));
+  }
+  if (status.ok()) return {};
+  return {status.code(), fmt::format("{}: cannot be opened ({})", label_, status.message())};
 }
 
 Status FfmpegDecoder::explained(const Status& status) const {
-  return {status.code(),
-          fmt::format("{}: cannot decode frame {} ({}); if it is damaged, copy the file again or "
-                      "select other frames with --frames",
-                      label_, frame_ + 1, status.message())};
+  const char* remedy = "";
+  if (status.code() == StatusCode::kInvalidFile)
+    remedy = frame_ < 0 ? "; copy the file again" : "; select the frames before it with --frames";
+  return {status.code(), fmt::format("{}: cannot decode frame {} ({}){}", label_, frame_ + 1,
+                                     status.message(), remedy)};
 }
 
 Status FfmpegDecoder::open_format(const std::string& name) {
@@ -220,33 +134,38 @@ Status FfmpegDecoder::open_format(const std::string& name) {
   AVFormatContext* opened = nullptr;
   int error = avformat_open_input(&opened, name.c_str(), nullptr, &options);
   av_dict_free(&options);
-  if (error < 0) return failure(error);
+  if (error < 0) return ffmpeg_error(error);
   format_.reset(opened);
   error = avformat_find_stream_info(opened, nullptr);
-  if (error < 0) return failure(error);
-  return {};
+  return error < 0 ? ffmpeg_error(error) : Status();
 }
 
 Status FfmpegDecoder::open_codec() {
-  const int index = av_find_best_stream(format_.get(), AVMEDIA_TYPE_VIDEO, -1, -1, nullptr, 0);
-  if (index < 0) return {StatusCode::kInvalidFile, "it has no video track"};
+  // The first video track. Others are previews or further lenses.
   for (unsigned i = 0; i < format_->nb_streams; ++i) {
-    if (static_cast<int>(i) != index) format_->streams[i]->discard = AVDISCARD_ALL;
+    AVStream* const stream = format_->streams[i];
+    stream->discard = AVDISCARD_ALL;
+    const bool is_video = stream->codecpar->codec_type == AVMEDIA_TYPE_VIDEO &&
+                          (stream->disposition & AV_DISPOSITION_ATTACHED_PIC) == 0;
+    if (is_video && stream_ == nullptr) stream_ = stream;
   }
-  stream_ = format_->streams[index];
+  if (stream_ == nullptr) return {StatusCode::kInvalidFile, "it has no video track"};
+  stream_->discard = AVDISCARD_DEFAULT;
   const AVCodec* const codec = avcodec_find_decoder(stream_->codecpar->codec_id);
   if (codec == nullptr) {
-    return {StatusCode::kInvalidFile, fmt::format("its codec, {}, is missing from FFmpeg",
-                                                  avcodec_get_name(stream_->codecpar->codec_id))};
+    return unsupported("its codec, {}, is missing from FFmpeg; convert the video to H.264",
+                       avcodec_get_name(stream_->codecpar->codec_id));
   }
   codec_.reset(avcodec_alloc_context3(codec));
-  if (codec_ == nullptr) return no_memory();
+  if (codec_ == nullptr) return ffmpeg_error(AVERROR(ENOMEM));
   int error = avcodec_parameters_to_context(codec_.get(), stream_->codecpar);
-  if (error < 0) return failure(error);
-  codec_->thread_count = concurrency();
+  if (error < 0) return ffmpeg_error(error);
+  // The cameras of a rig are decoded in parallel. With threads for frames, too, memory would grow
+  // with their product, and an error would be found at a frame that depends on their number.
+  codec_->thread_count = 1;
   codec_->max_pixels = kMaxImagePixels;
   error = avcodec_open2(codec_.get(), codec, nullptr);
-  return error < 0 ? failure(error) : Status();
+  return error < 0 ? ffmpeg_error(error) : Status();
 }
 
 void FfmpegDecoder::describe() {
@@ -265,59 +184,72 @@ void FfmpegDecoder::describe() {
   track_.frames = frames > 0 ? static_cast<std::int64_t>(std::min(frames, 1e15)) : 0;
 }
 
+Status FfmpegDecoder::send_packet() {
+  Status checked = check_({packet_->data, static_cast<std::size_t>(packet_->size)});
+  is_refused_ = !checked.ok();
+  if (is_refused_) return checked;
+  if ((packet_->flags & AV_PKT_FLAG_CORRUPT) != 0) return invalid_file("cut short");
+  const int error = avcodec_send_packet(codec_.get(), packet_.get());
+  return error < 0 ? ffmpeg_error(error) : Status();
+}
+
 Status FfmpegDecoder::send() {
   while (!ended_) {
-    int error = av_read_frame(format_.get(), packet_.get());
-    if (error == AVERROR(ENOMEM)) return explained(failure(error));
+    const int error = av_read_frame(format_.get(), packet_.get());
+    if (error == AVERROR(ENOMEM) || error == AVERROR(EIO)) return ffmpeg_error(error);
     ended_ = error < 0;  // at the end, or where the file is truncated
     if (ended_) break;
-    const std::span<const std::uint8_t> stored(packet_->data,
-                                               static_cast<std::size_t>(packet_->size));
     const bool is_video = packet_->stream_index == stream_->index && packet_->size > 0;
-    Status status = is_video ? check_(stored) : Status();
-    if (status.ok() && is_video && (packet_->flags & AV_PKT_FLAG_CORRUPT) != 0)
-      status = explained({StatusCode::kInvalidFile, "cut short"});
-    if (is_video && status.ok()) {
-      error = avcodec_send_packet(codec_.get(), packet_.get());
-      if (error < 0) status = explained(failure(error));
-    }
+    Status status = is_video ? send_packet() : Status();
     av_packet_unref(packet_.get());
-    if (is_video || !status.ok()) return status;
+    if (is_video) return status;
   }
   const int error = avcodec_send_packet(codec_.get(), nullptr);
-  return error < 0 && error != AVERROR_EOF ? explained(failure(error)) : Status();
+  return error < 0 && error != AVERROR_EOF ? ffmpeg_error(error) : Status();
+}
+
+Status FfmpegDecoder::check_size() const {
+  if (decoded_->width == width_ && decoded_->height == height_) return {};
+  return invalid_file(
+      "{}: frame {} differs in size from the frames before it (expected {}x{}, got "
+      "{}x{})",
+      label_, frame_, width_, height_, decoded_->width, decoded_->height);
 }
 
 Result<bool> FfmpegDecoder::advance() {
   while (true) {
-    const int error = avcodec_receive_frame(codec_.get(), decoded_.get());
-    if (error >= 0) {
-      ++frame_;
-      return true;
-    }
-    if (error == AVERROR_EOF) return false;
-    if (error != AVERROR(EAGAIN)) return explained(failure(error));
-    STGS_TRY(send());
+    const int received = avcodec_receive_frame(codec_.get(), decoded_.get());
+    if (received >= 0) break;
+    if (received == AVERROR_EOF && error_.ok()) return false;
+    if (!error_.ok()) return is_refused_ ? error_ : explained(error_);
+    Status status = received == AVERROR(EAGAIN) ? send() : ffmpeg_error(received);
+    if (status.ok()) continue;
+    // First the frames that were complete before the error.
+    error_ = std::move(status);
+    ended_ = true;
+    avcodec_send_packet(codec_.get(), nullptr);
   }
+  ++frame_;
+  if (frame_ == 0) {
+    width_ = decoded_->width;
+    height_ = decoded_->height;
+    STGS_TRY(check_image_size(width_, height_, label_));
+  }
+  STGS_TRY(check_size());
+  return true;
 }
 
 Result<cv::Mat> FfmpegDecoder::image() {
-  const Form form = form_of(*decoded_);
-  STGS_TRY(check_image_size(form.width, form.height, label_));
-  if (scaler_ == nullptr || !(form == form_)) {
-    Result<Scaler> scaler = make_scaler(form);
-    if (!scaler.ok()) return explained(scaler.status());
-    scaler_ = std::move(*scaler);
-    form_ = form;
+  Result<cv::Mat> image = Status(StatusCode::kNoMemory, "not enough memory");
+  try {
+    image = converter_.convert(*decoded_);
+    if (image.ok() && rotation_ >= 0) cv::rotate(*image, *image, rotation_);
+  } catch (const cv::Exception& error) {
+    if (error.code != cv::Error::StsNoMem) throw;
   }
-  cv::Mat image(form.height, form.width, CV_8UC3);
-  std::uint8_t* planes[4] = {image.data};
-  const int strides[4] = {static_cast<int>(image.step)};
-  const int error =
-      sws_scale(scaler_.get(), decoded_->data, decoded_->linesize, 0, form.height, planes, strides);
-  if (error < 0) return explained(failure(error));
-  if (rotation_ >= 0) cv::rotate(image, image, rotation_);
-  return image;
+  if (image.ok()) return image;
+  return Status(image.status().code(), fmt::format("{}: cannot convert frame {} ({})", label_,
+                                                   frame_, image.status().message()));
 }
 
 }  // namespace

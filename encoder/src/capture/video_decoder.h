@@ -21,27 +21,30 @@ struct VideoTrack {
   std::int64_t frames = 0;    // 0: not stated
 };
 
-// The video track of an MP4, MOV, Matroska, WebM or AVI file. Reads from front to back. Errors:
-// kNoMemory, kIo if the system refuses threads or descriptors, else kInvalidFile. Not thread-safe;
-// separate decoders are independent.
+// The first video track of an MP4, MOV, Matroska, WebM or AVI file. Reads from front to back, on
+// the calling thread. Errors: kNoMemory, kIo if the system fails, kUnsupported for what FFmpeg
+// lacks, else kInvalidFile. Not thread-safe; separate decoders are independent.
 class VideoDecoder {
  public:
-  // Called with each stored frame before it is decoded. advance() returns its errors.
+  // Called with each stored frame before advance() decodes it. advance() returns its errors.
   using CheckStored = std::function<Status(std::span<const std::uint8_t>)>;
 
-  // Opens the file `name`, but decodes no frame. `label` begins the messages. FFmpeg may use no
-  // protocol but `file`, and no demuxer but those above.
+  // Opens the file `name`. FFmpeg uses the protocol `file` and the demuxers above only, and decodes
+  // frames only if it needs them to learn the format of common codecs. `label` begins messages.
   static Result<std::unique_ptr<VideoDecoder>> open(const std::string& name,
                                                     const std::string& label, CheckStored check);
   virtual ~VideoDecoder() = default;
 
   virtual const VideoTrack& track() const = 0;
-  // Decodes the next frame in the order of presentation. Returns whether there is one.
+  // Decodes the next frame in the order of presentation. Returns whether there is one. An error is
+  // that of the first frame that cannot be decoded; all frames before it come first. kInvalidFile
+  // for a frame of another size than the first.
   virtual Result<bool> advance() = 0;
   // Returns the current frame as 8-bit BGR, rotated as the file states (in steps of 90 degrees, as
   // players do). Chroma is interpolated, from its stated position. The matrix and range are the
-  // stated ones. A file without them has BT.709 above 576 lines or from 1280 columns on, else
-  // BT.601, of limited range.
+  // stated ones. Where they are not stated, the matrix is BT.709 above 576 lines or from 1280
+  // columns on, else BT.601, and the range is full for grey frames, else limited. Transfer
+  // functions are not converted.
   virtual Result<cv::Mat> image() = 0;
 };
 

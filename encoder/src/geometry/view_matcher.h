@@ -31,7 +31,7 @@ class ViewMatcher {
 std::unique_ptr<ViewMatcher> make_cpu_matcher();
 // kNotBuilt without CUDA, kUnsupported without a GPU.
 Result<std::unique_ptr<ViewMatcher>> make_cuda_matcher();
-// `backend`: "cpu", "cuda" or "auto", which is CUDA if it is built and there is a GPU.
+// `backend`: "cpu", "cuda" or "auto", which is CUDA if it can be used.
 Result<std::unique_ptr<ViewMatcher>> make_matcher(const std::string& backend, const LogSink& log);
 
 }  // namespace stgs::encoder::geometry

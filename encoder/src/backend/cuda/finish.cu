@@ -157,11 +157,6 @@ FinishArguments make_arguments(const View& view, std::uint32_t n, const LossWeig
 
 }  // namespace
 
-cudaError_t kernels_loadable() {
-  cudaFuncAttributes attributes{};
-  return cudaFuncGetAttributes(&attributes, finish);
-}
-
 void launch_finish(const View& view, std::uint32_t n, const LossWeights& weights,
                    const ColourMaps& colour, std::uint32_t index, float rate, StepRecord* record,
                    const Workspace& w, cudaStream_t stream) {

@@ -65,9 +65,18 @@ class CudaMatcher final : public geometry::ViewMatcher {
   std::string name() const override { return name_; }
 
   Status run(const geometry::ViewPass& pass) override {
+    const Status status = run_pass(pass);
+    if (status.ok()) return {};
+    return {status.code(), status.message() + "; or use --backend cpu"};
+  }
+
+ private:
+  static constexpr int kGpu = 0;
+
+  Status run_pass(const geometry::ViewPass& pass) {
     const std::lock_guard lock(mutex_);
     // The device is a setting of the thread.
-    STGS_TRY(cuda::select_gpu(kGpu).status());
+    STGS_TRY(cuda::cuda_status(cudaSetDevice(kGpu), "choosing the GPU"));
     geometry::StereoProblem problem = pass.problem;
     STGS_TRY(reference_.take(problem.reference, stream_));
     for (int k = 0; k < problem.source_count; ++k)
@@ -86,9 +95,6 @@ class CudaMatcher final : public geometry::ViewMatcher {
     STGS_TRY(download(costs_, pixels, pass.map.costs, stream_));
     return stream_.wait();
   }
-
- private:
-  static constexpr int kGpu = 0;
 
   std::mutex mutex_;
   std::string name_;

@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+// Converts decoded video frames to RGB with FFmpeg's swscale.
+#pragma once
+
+#include <memory>
+#include <opencv2/core.hpp>
+
+#include "stgs/format/status.h"
+
+extern "C" {
+#include <libavutil/frame.h>
+#include <libswscale/swscale.h>
+}
+
+namespace stgs::encoder {
+
+// Returns an error of FFmpeg: kNoMemory, kIo if the system refuses a call, kUnsupported for what
+// FFmpeg lacks, else kInvalidFile. The message is FFmpeg's text, without a path.
+Status ffmpeg_error(int error);
+
+// Not thread-safe. Errors are those of ffmpeg_error().
+class FrameConverter {
+ public:
+  // Returns a frame as 8-bit BGR. Chroma is interpolated from its stated position. kUnsupported if
+  // the frame states a matrix other than BT.601, FCC, SMPTE 240M, BT.709 or BT.2020.
+  Result<cv::Mat> convert(const AVFrame& frame);
+
+ private:
+  // What the conversion depends on.
+  struct Form {
+    int width = 0, height = 0;
+    AVPixelFormat pixels = AV_PIX_FMT_NONE;
+    AVColorSpace matrix = AVCOL_SPC_UNSPECIFIED;
+    AVChromaLocation chroma = AVCHROMA_LOC_UNSPECIFIED;
+    bool full_range = false;
+    bool operator==(const Form&) const = default;
+  };
+  struct FreeScaler {
+    void operator()(SwsContext* scaler) const { sws_freeContext(scaler); }
+  };
+  using Scaler = std::unique_ptr<SwsContext, FreeScaler>;
+
+  static Form form_of(const AVFrame& frame);
+  static Result<Scaler> make_scaler(const Form& form);
+
+  Scaler scaler_;
+  Form form_;  // of scaler_
+};
+
+}  // namespace stgs::encoder
