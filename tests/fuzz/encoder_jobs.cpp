@@ -213,12 +213,13 @@ void EncoderCalls::prepare() {
     std::int32_t stgs_prepare_settings::*const integers[] = {
         &stgs_prepare_settings::layout,          &stgs_prepare_settings::first_frame,
         &stgs_prepare_settings::end_frame,       &stgs_prepare_settings::default_test_cameras,
-        &stgs_prepare_settings::separate_motion, &stgs_prepare_settings::overwrite};
+        &stgs_prepare_settings::separate_motion, &stgs_prepare_settings::overwrite,
+        &stgs_prepare_settings::backend};
     const std::uint8_t kind = choices_.next();
     if (kind % 4 == 0) s.scale = choices_.number();
     if (kind % 4 == 1) s.fps = choices_.number();
     if (kind % 4 == 2) s.*counts[kind / 4 % 3] = choices_.count() % 4;
-    if (kind % 4 == 3) s.*integers[kind / 4 % 6] = choices_.small_int();
+    if (kind % 4 == 3) s.*integers[kind / 4 % 7] = choices_.small_int();
   }
   if (choices_.next() % 4 != 1) s.test_cameras = names;
   s.test_camera_count = std::min<std::uint32_t>(s.test_camera_count, std::size(names));
