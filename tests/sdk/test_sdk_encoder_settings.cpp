@@ -101,7 +101,7 @@ TEST_CASE("invalid prepare and pack settings are rejected with their name and ra
       {"overwrite is 5 (expected 0 or 1)", [](Preparing& s) { s.overwrite = 5; }},
       {"allow_outside is 2 (expected 0 or 1)", [](Preparing& s) { s.allow_outside = 2; }},
       {"trust_calibration is 2 (expected 0 or 1)", [](Preparing& s) { s.trust_calibration = 2; }},
-      {"VULKAN cannot encode", [](Preparing& s) { s.backend = STGS_BACKEND_VULKAN; }},
+      {"backend is 9 (expected 0 to 2)", [](Preparing& s) { s.backend = 9; }},
   };
   for (const auto& [expected, change] : prepare_cases) {
     const std::string message = rejection_message<Preparing>(encoder, preparing, change, prepare);
