@@ -69,7 +69,7 @@ class Preparing(CliTest):
         self.succeeds(*args, "--frames", f"0:{frame}", "--scale", "0.2", "--no-split")
 
     @unittest.skipIf(os.path.exists("/dev/nvidiactl"), "there is an NVIDIA GPU")
-    def test_a_missing_backend_is_an_error_before_the_work(self):
+    def test_a_missing_backend_is_reported_before_work_starts(self):
         text = self.succeeds("--version").stdout.decode()
         code = UNSUPPORTED if "trains with: cpu cuda" in text else NOT_BUILT
         self.fails(code, "use --backend cpu", "prepare", harness.sample(), "-o", "out", "--backend",

@@ -173,7 +173,7 @@ TEST_CASE("JPEG headers that state more pixels than the bytes can hold are refus
   jpeg.insert(2, header);
   const Status status = probed();
   CHECK(status.code() == StatusCode::kInvalidFile);
-  CHECK(fails_with(status, {"a.mp4", "JPEG frames", "more pixels"}));
+  CHECK(fails_with(status, {"a.mp4", "JPEG image", "more pixels"}));
   // Not a header that decoders accept, as bytes of other codecs may look.
   CHECK(has_oversized_jpeg(std::vector<std::uint8_t>(header.begin(), header.end())));
   for (const auto& [at, value] : {std::pair(4, 17), std::pair(11, 1), std::pair(12, 4)}) {

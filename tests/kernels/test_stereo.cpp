@@ -25,6 +25,7 @@ TEST_CASE("costs of a support do not depend on vectors") {
   // A map of one pass has the costs of the vectorised rows; each is computed again without vectors.
   std::vector<StereoView> views = rig();
   const std::vector<StereoMap> maps = matched(views, *make_cpu_matcher());
+  REQUIRE(maps.size() == views.size());
   std::vector<std::uint32_t> corners[2];
   for (int i = 0; i < 2; ++i) {
     const std::vector<std::uint8_t>& grey = views[static_cast<std::size_t>(i)].grey;
@@ -74,7 +75,9 @@ TEST_CASE("stereo confirms nothing between unrelated images") {
     for (std::uint8_t& grey : views[i].grey) grey = static_cast<std::uint8_t>(random.below(256));
   }
   int confirmed = 0;
-  for (const StereoMap& map : matched(views, *make_cpu_matcher())) {
+  const std::vector<StereoMap> maps = matched(views, *make_cpu_matcher());
+  REQUIRE(maps.size() == views.size());
+  for (const StereoMap& map : maps) {
     for (const std::uint8_t count : map.confirmations) confirmed += count > 0 ? 1 : 0;
   }
   CHECK(confirmed < 0.002 * 4 * kWidth * kHeight);

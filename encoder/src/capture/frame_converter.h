@@ -14,8 +14,8 @@ extern "C" {
 
 namespace stgs::encoder {
 
-// Returns an error of FFmpeg: kNoMemory, kIo if the system refuses a call, kUnsupported for what
-// FFmpeg lacks, else kInvalidFile. The message is FFmpeg's text, without a path.
+// Returns an error of FFmpeg: kNoMemory, kIo if the system refuses a call, kUnsupported for
+// features that FFmpeg lacks, else kInvalidFile. The message is FFmpeg's text, without a path.
 Status ffmpeg_error(int error);
 
 // Not thread-safe. Errors are those of ffmpeg_error().
@@ -26,7 +26,7 @@ class FrameConverter {
   Result<cv::Mat> convert(const AVFrame& frame);
 
  private:
-  // What the conversion depends on.
+  // The properties on which the conversion depends.
   struct Form {
     int width = 0, height = 0;
     AVPixelFormat pixels = AV_PIX_FMT_NONE;

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <opencv2/imgcodecs.hpp>
 #include <span>
-#include <string_view>
 
 #include "file_kind.h"
 #include "png_text.h"
@@ -29,31 +28,24 @@ constexpr std::uint64_t kRepeatedBytes = std::uint64_t{16} << 20;
 // number of times, in 4 bytes each.
 class StoredFrames {
  public:
-  // `camera` must outlive the object. `bytes`: of the file, without holes.
-  StoredFrames(const SourceCamera& camera, std::uint64_t bytes) : camera_(&camera), bytes_(bytes) {}
+  // `bytes`: of the file, without holes.
+  explicit StoredFrames(std::uint64_t bytes) : bytes_(bytes) {}
 
-  // Call before each frame is decoded. kInvalidFile if the frames so far have too many bytes for
-  // the file (kRepeatedBytes), or the frame is an image with long texts or oversized headers.
+  // Call before each frame is decoded. kInvalidFile, with the reason, if the frames so far have too
+  // many bytes for the file (kRepeatedBytes), or the frame is an image with long texts or oversized
+  // headers.
   Status check(std::span<const std::uint8_t> stored) {
-    if (has_long_png_text(stored)) return refused("PNG frames with long texts");
-    if (has_oversized_jpeg(stored)) {
-      return refused("JPEG frames that state more pixels than their bytes can hold");
-    }
+    if (has_long_png_text(stored)) return invalid_file("it is a PNG image with long texts");
+    if (has_oversized_jpeg(stored))
+      return invalid_file("it is a JPEG image that states more pixels than its bytes can hold");
     used_ += stored.size();
     if (used_ <= 2 * bytes_ + kRepeatedBytes) return {};
     return invalid_file(
-        "{}: video of camera '{}' states the same stored frames many times: {} bytes of frames in "
-        "a file of {}; encode the video again",
-        camera_->video, camera_->name, used_, bytes_);
+        "the file states the same stored frames many times: {} bytes of frames in {}", used_,
+        bytes_);
   }
 
  private:
-  Status refused(std::string_view what) const {
-    return invalid_file("{}: video of camera '{}' has {}; encode the video again", camera_->video,
-                        camera_->name, what);
-  }
-
-  const SourceCamera* camera_;
   std::uint64_t bytes_, used_ = 0;
 };
 
@@ -73,11 +65,10 @@ Result<OpenVideo> open_video(const CaptureFolder& files, const SourceCamera& cam
   const std::string what = fmt::format("video of camera '{}'", camera.name);
   STGS_ASSIGN(const std::uint64_t bytes, check_video_file(file, path, what));
   // By the descriptor, so that FFmpeg reads the file that was checked.
-  STGS_ASSIGN(auto decoder,
-              VideoDecoder::open(file.name(), path + ": " + what,
-                                 [frames = StoredFrames(camera, bytes)](auto stored) mutable {
-                                   return frames.check(stored);
-                                 }));
+  STGS_ASSIGN(auto decoder, VideoDecoder::open(file.name(), path + ": " + what,
+                                               [frames = StoredFrames(bytes)](auto stored) mutable {
+                                                 return frames.check(stored);
+                                               }));
   // Before the decoder gets a frame. Containers may state no size.
   const VideoTrack& track = decoder->track();
   if (track.width > 0 && track.height > 0) {

@@ -125,7 +125,7 @@ class SerialOpenCv {
 Status prepare(const std::string& capture, const std::string& folder,
                const PrepareSettings& settings, const ProgressSink& progress, const LogSink& log) {
   STGS_TRY(check(settings));
-  // A backend that this machine lacks is an error also where no stereo is needed.
+  // Report an unavailable backend now, even if the rig turns out to need no stereo.
   if (settings.backend != "auto") STGS_TRY(geometry::make_matcher(settings.backend, {}).status());
   const LogSink log_or_none = log ? log : [](int, const std::string&) {};
   try {

@@ -74,9 +74,9 @@ class FfmpegDecoder final : public VideoDecoder {
   Status open_format(const std::string& name);
   Status open_codec();
   void describe();
-  // Gives the decoder the next stored frame; after the last, ends its input.
+  // Sends the next stored frame to the decoder; after the last, signals the end.
   Status send();
-  // Gives it the packet.
+  // Checks packet_ and sends it to the decoder.
   Status send_packet();
   Status check_size() const;
   // Adds the file, the frame and a remedy to an error.
@@ -95,8 +95,7 @@ class FfmpegDecoder final : public VideoDecoder {
   int frame_ = -1;              // number of the current one
   int width_ = 0, height_ = 0;  // of the first decoded frame
   bool ended_ = false;
-  Status error_;             // after the frames that are still in the decoder
-  bool is_refused_ = false;  // error_ is one of check_
+  Status error_;  // after the frames that are still in the decoder
 };
 
 Status FfmpegDecoder::open(const std::string& name) {
@@ -120,7 +119,9 @@ Status FfmpegDecoder::open(const std::string& name) {
 Status FfmpegDecoder::explained(const Status& status) const {
   const char* remedy = "";
   if (status.code() == StatusCode::kInvalidFile)
-    remedy = frame_ < 0 ? "; copy the file again" : "; select the frames before it with --frames";
+    remedy = frame_ < 0 ? "; copy or encode the video again"
+                        : "; copy or encode the video again, or select the frames before with "
+                          "--frames";
   return {status.code(), fmt::format("{}: cannot decode frame {} ({}){}", label_, frame_ + 1,
                                      status.message(), remedy)};
 }
@@ -185,9 +186,7 @@ void FfmpegDecoder::describe() {
 }
 
 Status FfmpegDecoder::send_packet() {
-  Status checked = check_({packet_->data, static_cast<std::size_t>(packet_->size)});
-  is_refused_ = !checked.ok();
-  if (is_refused_) return checked;
+  STGS_TRY(check_({packet_->data, static_cast<std::size_t>(packet_->size)}));
   if ((packet_->flags & AV_PKT_FLAG_CORRUPT) != 0) return invalid_file("cut short");
   const int error = avcodec_send_packet(codec_.get(), packet_.get());
   return error < 0 ? ffmpeg_error(error) : Status();
@@ -221,7 +220,7 @@ Result<bool> FfmpegDecoder::advance() {
     const int received = avcodec_receive_frame(codec_.get(), decoded_.get());
     if (received >= 0) break;
     if (received == AVERROR_EOF && error_.ok()) return false;
-    if (!error_.ok()) return is_refused_ ? error_ : explained(error_);
+    if (!error_.ok()) return explained(error_);
     Status status = received == AVERROR(EAGAIN) ? send() : ffmpeg_error(received);
     if (status.ok()) continue;
     // First the frames that were complete before the error.

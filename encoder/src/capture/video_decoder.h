@@ -13,8 +13,8 @@
 
 namespace stgs::encoder {
 
-// What a file states about its video. The size is that of the stored frames, before rotation, and 0
-// if the file does not state it.
+// Properties of a video that its file states. The size is that of the stored frames, before
+// rotation, and 0 if the file does not state it.
 struct VideoTrack {
   int width = 0, height = 0;  // pixels
   double fps = 0;             // 0: not stated
@@ -22,11 +22,12 @@ struct VideoTrack {
 };
 
 // The first video track of an MP4, MOV, Matroska, WebM or AVI file. Reads from front to back, on
-// the calling thread. Errors: kNoMemory, kIo if the system fails, kUnsupported for what FFmpeg
-// lacks, else kInvalidFile. Not thread-safe; separate decoders are independent.
+// the calling thread. Errors: kNoMemory, kIo if the system fails, kUnsupported for features
+// that FFmpeg lacks, else kInvalidFile. Not thread-safe; separate decoders are independent.
 class VideoDecoder {
  public:
-  // Called with each stored frame before advance() decodes it. advance() returns its errors.
+  // Called with each stored frame before advance() decodes it. An error is a reason without path,
+  // which advance() completes and returns.
   using CheckStored = std::function<Status(std::span<const std::uint8_t>)>;
 
   // Opens the file `name`. FFmpeg uses the protocol `file` and the demuxers above only, and decodes

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where PatchMatch runs: on the CPU or on a GPU.
+// PatchMatch over views, on the CPU or on a GPU.
 #pragma once
 
 #include <cstdint>

@@ -52,8 +52,7 @@ struct DeviceImage {
   }
 };
 
-// Runs one pass at a time. The images of a pass are uploaded for it: they are small, and take
-// a hundredth of its time.
+// Runs one pass at a time, and uploads the images for each.
 class CudaMatcher final : public geometry::ViewMatcher {
  public:
   Status create() {
