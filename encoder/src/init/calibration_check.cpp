@@ -22,8 +22,9 @@ constexpr int kMinKnown = 8;        // matches of known depth
 // A mistake explains a disagreement if this share of at least so many pairs agree without it, with
 // so small an error, and a given error that is large or matches behind the cameras.
 constexpr double kExplainedShare = 0.7, kExplainedError = 1, kLargeError = 5;
-// A camera with a smaller error and no known mistake is an outlier only if another pose and focal
-// length reduce the error to this share. If none does, its matches connect similar objects.
+// A camera with a smaller error, or one that agrees with another camera, and no known mistake is an
+// outlier only if another pose and focal length reduce the error to this share. If none does, its
+// matches connect similar objects.
 constexpr double kFittedShare = 0.4;
 constexpr std::size_t kMinPairsOfFit = 2;  // another pose explains the matches of any single pair
 constexpr std::size_t kMinPairsOfAll = 6, kMinPairsOfOne = 3;
@@ -282,7 +283,8 @@ Outlier describe(const std::vector<View>& views, const Pairs& own, int view) {
 
 // Returns whether the matches of an outlier can be those of a camera whose calibration is wrong.
 bool is_plausible(const std::vector<View>& views, const Pairs& own, const Outlier& outlier) {
-  return outlier.is_behind || !outlier.cause.text.empty() || outlier.error >= kLargeError ||
+  const bool is_far = outlier.error >= kLargeError && share_of_good(agreements_of(views, own)) == 0;
+  return outlier.is_behind || !outlier.cause.text.empty() || is_far ||
          (own.size() >= kMinPairsOfFit &&
           fitted_error(views, own, outlier.view) < kFittedShare * outlier.error);
 }
