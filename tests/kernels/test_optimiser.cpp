@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <fstream>
 
+#include "backend/cpu/adam_primitive.h"
 #include "backend/cpu/regularisers.h"
 #include "catch.h"
 #include "fixtures/temporary_folder.h"
@@ -288,6 +289,44 @@ TEST_CASE("short clips do not damp the motion of dynamic content") {
     CHECK(input.damping.half_width >
           math::support_half_width(1.0f, initial_sigma, 0.0f, math::kAlphaThreshold));
   }
+}
+
+TEST_CASE("rates rise as lifespans become shorter than the clip, up to a limit") {
+  const math::ShortLivedRules rules{30.0f, 0.5f};
+  // Half of the support of a flat top is its radius.
+  CHECK(math::short_lived_factor(1e-6f, 40.0f, rules) == 1.0f);
+  CHECK(math::short_lived_factor(1e-6f, 30.0f / 4, rules) == Approx(2));
+  CHECK(math::short_lived_factor(1e-6f, 0.1f, rules) == math::kMaxShortLivedFactor);
+  const float half_width = math::support_half_width(1.0f, 3.0f, 1.0f, math::kAlphaThreshold);
+  CHECK(math::short_lived_factor(3.0f, 1.0f, rules) == Approx(std::sqrt(30 / half_width)));
+  CHECK(math::short_lived_factor(3.0f, 1.0f, {30.0f, 0.0f}) == 1.0f);
+}
+
+TEST_CASE("a step of a short-lived primitive is longer in all its parameters") {
+  const auto lengths = [](float radius, float power) {
+    TrainState state = random_train_state(1, 5);
+    state.set.sigma[0] = 1e-3f;
+    state.set.radius[0] = radius;
+    const TrainState before = state;
+    const std::vector<float> ones(3 * math::kShMaxCoefficients, 1.0f);
+    cpu::LearntGradients gradients;
+    gradients.by.fill(ones.data());
+    gradients.coefficients = math::sh_coefficients(state.set.sh_degree);
+    StepInput input;
+    input.rates.fill(1e-4f);
+    input.rate_sh0 = 1e-4f;
+    input.short_lived = {20.0f, power};
+    cpu::adam_primitive(state, 0, gradients, input);
+    std::vector<float> moved;
+    for (const int a : {kPosition, kLogScale, kRotation, kOpacity, kSh, kTime})
+      for (std::size_t k = 0; k < state.values(a).size(); ++k)
+        moved.push_back(state.values(a)[k] - before.values(a)[k]);
+    return moved;
+  };
+  const std::vector<float> usual = lengths(5.0f, 0.0f), longer = lengths(5.0f, 0.5f);
+  CHECK(lengths(25.0f, 0.5f) == lengths(25.0f, 0.0f));
+  for (std::size_t k = 0; k < usual.size(); ++k)
+    CHECK(longer[k] == Approx(2 * usual[k]).epsilon(0.02));
 }
 
 TEST_CASE("a plan without cameras has images large enough for every loss term") {

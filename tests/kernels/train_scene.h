@@ -77,6 +77,7 @@ inline encoder::StepInput train_step(const math::PinholeCamera& camera,
   input.drop_random = encoder::Random(3, 7, encoder::RandomPurpose::kDrop);
   input.sh_degree = sh_degree;
   input.damping = {12.0f, 3e-4f, 0.02f};
+  input.short_lived = {12.0f, 0.5f};
   input.second_stage = true;
   input.gather_statistics = true;
   input.rates = {1e-4f, 5e-3f, 1e-3f, 2e-2f, 1e-4f, 1e-2f, 1e-3f, 5e-3f, 1e-2f};

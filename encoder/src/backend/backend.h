@@ -15,6 +15,7 @@
 #include "math/camera_grad.h"
 #include "math/damp.h"
 #include "math/lens.h"
+#include "math/short_lived.h"
 #include "perceptual/feature_network.h"
 #include "perceptual/patch.h"
 #include "stgs/encoder/prepared_capture.h"
@@ -54,6 +55,7 @@ struct StepInput {
   int kernel = 0;                          // of the splats
   bool modulated = true;                   // false: f = 1
   math::DampingRules damping{};            // ignored by a coupled state
+  math::ShortLivedRules short_lived{};     // apply to `rates` and `rate_sh0`
   bool learn_radius = true;                // false: r is constant
   bool second_stage = false;               // L_opacity is on
   bool gather_statistics = false;          // for densification

@@ -27,6 +27,7 @@ void apply_common(HyperParameters& p) {
   p.kernel = math::kDilated;
   p.weight_lifespan = p.weight_opacity = p.weight_scale = p.weight_normal = 0;
   p.velocity_shrink = 0;
+  p.short_rate = 0;
   p.drop_share = 0;
   p.compact_share = 0;
   p.coarse_until = 0;

@@ -38,6 +38,7 @@ void set_schedule(const HyperParameters& p, const PreparedCapture& capture, doub
   input.damping = {static_cast<float>(static_support / 2),
                    static_cast<float>(p.velocity_shrink) * input.rates[kVelocity],
                    static_cast<float>(p.velocity_share)};
+  input.short_lived = {0.5f * static_cast<float>(capture.frames), static_cast<float>(p.short_rate)};
   input.rate_sh0 = static_cast<float>(p.lr_sh0);
   input.rate_colour = static_cast<float>(p.lr_colour);
   input.weight_l1 = static_cast<float>(p.weight_l1);

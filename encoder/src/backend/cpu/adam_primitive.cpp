@@ -40,13 +40,16 @@ ShGradient with_rate(const TrainState& state, std::size_t i, const LearntGradien
 void adam_primitive(TrainState& state, std::size_t i, const LearntGradients& gradients,
                     const StepInput& input) {
   const float before = math::lifespan_modulation(state.set.sigma[i], state.set.radius[i]);
+  const float factor =
+      math::short_lived_factor(state.set.sigma[i], state.set.radius[i], input.short_lived);
   const AdamCorrection correction(++state.updates[i], input.betas);
   const auto apply = [&](int attribute, const float* gradient, std::size_t begin, std::size_t n,
                          float rate) {
     const std::size_t at = i * static_cast<std::size_t>(state.components(attribute)) + begin;
     Moments& moments = state.moments[attribute];
     adam_step(state.values(attribute).data() + at, moments.first.data() + at,
-              moments.second.data() + at, gradient + begin, n, rate, correction, input.betas);
+              moments.second.data() + at, gradient + begin, n, factor * rate, correction,
+              input.betas);
   };
   for (int a = 0; a < kAttributes; ++a) {
     if (a == kSh || (a == kRadius && !input.learn_radius)) continue;

@@ -10,6 +10,7 @@
 #include <cstdint>
 
 #include "math/lens.h"
+#include "math/short_lived.h"
 #include "stgs/format/math/screen_splat.h"
 #include "train/random.h"
 #include "train/rounding.h"
@@ -186,6 +187,7 @@ struct LossWeights {
 struct UpdateSettings {
   bool modulated, learn_radius, second_stage, gather_statistics;
   math::DampingRules damping;
+  math::ShortLivedRules short_lived;
   float rates[kAttributes];
   float rate_sh0;
   float weight_lifespan, weight_opacity, weight_scale, weight_rate;  // the last only if rounding

@@ -87,9 +87,7 @@ __global__ void __launch_bounds__(kUpdateBlock)
   if (visible == 0) return;
   float before = 1.0f;
   if (own) {
-    const AdamFactors factors = adam_factors(++p.updates[i], betas);
-    stage[kFirstFactor] = factors.first;
-    stage[kSecondRoot] = factors.second_root;
+    write_factors(p, i, ++p.updates[i], settings, betas, stage);
     if (!kCoupled) {
       before = lifespan_modulation(p.sigma[i], p.values[kRadius][i]);
       if (!settings.learn_radius) stage[kByRadius] = p.values[kRadius][i];

@@ -31,6 +31,7 @@ UpdateSettings update_settings(const StepInput& input) {
   UpdateSettings settings{};
   settings.modulated = input.modulated;
   settings.damping = input.damping;
+  settings.short_lived = input.short_lived;
   settings.learn_radius = input.learn_radius;
   settings.second_stage = input.second_stage;
   settings.gather_statistics = input.gather_statistics;

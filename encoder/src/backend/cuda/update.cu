@@ -222,9 +222,7 @@ __global__ void __launch_bounds__(kUpdateBlock, kCoupled ? 4 : 6)
       if constexpr (kShared) {
         write_contribution(blocks, i, stage, terms.statistics);
       } else {
-        const AdamFactors factors = adam_factors(++p.updates[i]);
-        stage[kFirstFactor] = factors.first;
-        stage[kSecondRoot] = factors.second_root;
+        write_factors(p, i, ++p.updates[i], settings, AdamBetas(), stage);
         if (settings.gather_statistics) gather_statistics(p, i, terms.statistics);
       }
     }

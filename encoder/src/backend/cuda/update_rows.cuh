@@ -10,7 +10,8 @@
 namespace stgs::encoder::cuda {
 
 // The stage of a primitive, written by its thread for its warp: the gradients of the parameters
-// except SH, whose gradients are basis times colour gradient, and Adam's factors.
+// except SH, whose gradients are basis times colour gradient, and the factors of Adam and the
+// rates.
 enum Field : int {
   kByPosition = 0,
   kByLogScale = 3,
@@ -27,6 +28,7 @@ enum Field : int {
   kBasis = 20,
   kFirstFactor = 36,
   kSecondRoot = 37,
+  kRateFactor = 38,
   kFields = 39,  // odd, to avoid bank conflicts between lanes
 };
 
@@ -75,6 +77,17 @@ __device__ void load_rows(const Primitives& p, int attribute, std::uint32_t firs
   }
 }
 
+// Writes the factors of update number `updates` of primitive i to its stage.
+__device__ inline void write_factors(const Primitives& p, std::uint32_t i, std::uint32_t updates,
+                                     const UpdateSettings& settings, AdamBetas betas,
+                                     float* stage) {
+  const AdamFactors factors = adam_factors(updates, betas);
+  stage[kFirstFactor] = factors.first;
+  stage[kSecondRoot] = factors.second_root;
+  stage[kRateFactor] =
+      math::short_lived_factor(p.sigma[i], p.values[kRadius][i], settings.short_lived);
+}
+
 // Applies Adam to the rows. Reads the gradients from the stage at `field` and replaces them with
 // the new values.
 template <int kSize>
@@ -87,8 +100,8 @@ __device__ void step_rows(const Primitives& p, int attribute, std::uint32_t firs
     const int e = static_cast<int>(threadIdx.x & 31) + 32 * j;
     float* own = stage + e / kSize * kFields;
     float& gradient = own[field + e % kSize];
-    float value = adam(rows.value[j], rows.first[j], rows.second[j], gradient, rate,
-                       {own[kFirstFactor], own[kSecondRoot]}, betas);
+    float value = adam(rows.value[j], rows.first[j], rows.second[j], gradient,
+                       own[kRateFactor] * rate, {own[kFirstFactor], own[kSecondRoot]}, betas);
     if (attribute == kRadius) value = fmaxf(value, 0.0f);
     gradient = value;
     p.values[attribute][at + 32 * j] = value;
@@ -190,8 +203,9 @@ __device__ void update_sh(const Primitives& p, std::uint32_t first, unsigned vis
 #pragma unroll
     for (int j = 0; j < kBatch; ++j) {
       if (own[j] == nullptr) continue;
-      const float value = adam(rows.value[j], rows.first[j], rows.second[j], gradient[j], rate[j],
-                               {own[j][kFirstFactor], own[j][kSecondRoot]}, betas);
+      const float value =
+          adam(rows.value[j], rows.first[j], rows.second[j], gradient[j],
+               own[j][kRateFactor] * rate[j], {own[j][kFirstFactor], own[j][kSecondRoot]}, betas);
       p.values[kSh][at[j]] = value;
       p.first[kSh][at[j]] = rows.first[j];
       p.second[kSh][at[j]] = rows.second[j];
