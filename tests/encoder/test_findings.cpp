@@ -21,10 +21,11 @@ struct Rig {
   StaticScene scene;
   CalibrationCheck calibration;
   std::vector<LateCamera> late;
+  std::vector<bool> masked;
   std::vector<SurfacePoint> points;
 
   std::vector<Finding> findings() const {
-    return find_weaknesses(views, scene, calibration, late, points);
+    return find_weaknesses(views, scene, calibration, late, masked, points);
   }
 };
 
@@ -90,6 +91,17 @@ TEST_CASE("a late camera is a finding, and one ahead of the others, too") {
   capture.late = {{1, 2}, {3, -1}};
   CHECK(mentions(capture.findings(), "camera 'cam1' is 2 frames later than the others"));
   CHECK(mentions(capture.findings(), "camera 'cam3' is 1 frame ahead of the others"));
+}
+
+TEST_CASE("cameras without masks are named if others have some") {
+  Rig capture = rig(4, 0.4);
+  for (const bool all : {false, true}) {
+    capture.masked.assign(4, all);
+    CHECK(capture.findings().empty());
+  }
+  capture.masked = {true, false, true, false};
+  CHECK(
+      mentions(capture.findings(), "masks were given for 2 of 4 cameras, not for 'cam1', 'cam3'"));
 }
 
 TEST_CASE("a sound capture has no findings") {

@@ -22,9 +22,9 @@ constexpr int kMinKnown = 8;        // matches of known depth
 // A mistake explains a disagreement if this share of at least so many pairs agree without it, with
 // so small an error, and a given error that is large or matches behind the cameras.
 constexpr double kExplainedShare = 0.7, kExplainedError = 1, kLargeError = 5;
-// A camera with a smaller error, or one that agrees with another camera, and no known mistake is an
-// outlier only if another pose and focal length reduce the error to this share. If none does, its
-// matches connect similar objects.
+// A camera whose error is smaller, or that agrees with one of the others, is an outlier only if a
+// known mistake explains its matches, or if another pose and focal length reduce the error to this
+// share. If none does, its matches connect similar objects.
 constexpr double kFittedShare = 0.4;
 constexpr std::size_t kMinPairsOfFit = 2;  // another pose explains the matches of any single pair
 constexpr std::size_t kMinPairsOfAll = 6, kMinPairsOfOne = 3;
@@ -216,22 +216,30 @@ struct Partners {
   double poor_share() const { return all < 2 ? 0 : poor / all; }
 };
 
-// Returns the views that disagree with most of the others: the worst first, then those that
-// disagree with the rest.
-std::vector<int> find_outliers(std::size_t views, const Pairs& pairs,
-                               const std::vector<Agreement>& agreements) {
+// Returns the error above which a pair is poor.
+double poor_limit(const std::vector<Agreement>& agreements) {
   std::vector<double> errors;
   for (const Agreement& one : agreements) errors.push_back(one.error);
   const auto quarter = errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 4);
   std::nth_element(errors.begin(), quarter, errors.end());
-  const double limit = std::max(kPoor, kPoorRatio * *quarter);
+  return std::max(kPoor, kPoorRatio * *quarter);
+}
+
+bool is_poor(const Agreement& agreement, double limit) {
+  return agreement.error > limit || !agreement.is_in_front;
+}
+
+// Returns the views that disagree with most of the others: the worst first, then those that
+// disagree with the rest.
+std::vector<int> find_outliers(std::size_t views, const Pairs& pairs,
+                               const std::vector<Agreement>& agreements, double limit) {
   std::vector<bool> is_outlier(views, false);
   std::vector<int> out;
   for (;;) {
     std::vector<Partners> partners(views);
     for (std::size_t i = 0; i < pairs.size(); ++i) {
       if (is_outlier[pairs[i].a] || is_outlier[pairs[i].b]) continue;
-      const bool poor = agreements[i].error > limit || !agreements[i].is_in_front;
+      const bool poor = is_poor(agreements[i], limit);
       for (const int v : {pairs[i].a, pairs[i].b}) {
         partners[v].all += 1;
         partners[v].poor += poor ? 1 : 0;
@@ -282,8 +290,12 @@ Outlier describe(const std::vector<View>& views, const Pairs& own, int view) {
 }
 
 // Returns whether the matches of an outlier can be those of a camera whose calibration is wrong.
-bool is_plausible(const std::vector<View>& views, const Pairs& own, const Outlier& outlier) {
-  const bool is_far = outlier.error >= kLargeError && share_of_good(agreements_of(views, own)) == 0;
+bool is_plausible(const std::vector<View>& views, const Pairs& own, const Outlier& outlier,
+                  double limit) {
+  const std::vector<Agreement> agreements = agreements_of(views, own);
+  const bool is_far = outlier.error >= kLargeError &&
+                      std::all_of(agreements.begin(), agreements.end(),
+                                  [limit](const Agreement& one) { return is_poor(one, limit); });
   return outlier.is_behind || !outlier.cause.text.empty() || is_far ||
          (own.size() >= kMinPairsOfFit &&
           fitted_error(views, own, outlier.view) < kFittedShare * outlier.error);
@@ -298,13 +310,14 @@ CalibrationCheck check_calibration(const std::vector<View>& views, const Pairs& 
   const std::vector<Agreement> agreements = agreements_of(views, pairs);
   out.error = median_error(agreements);
   out.is_behind = share_in_front(agreements) < 0.5;
-  const std::vector<int> suspects = find_outliers(views.size(), pairs, agreements);
+  const double limit = poor_limit(agreements);
+  const std::vector<int> suspects = find_outliers(views.size(), pairs, agreements, limit);
   std::vector<Outlier> found;
   std::vector<int> outliers;
   for (const int view : suspects) {
     const Pairs own = pairs_of(pairs, suspects, view);
     const Outlier outlier = describe(views, own, view);
-    if (!is_plausible(views, own, outlier)) continue;
+    if (!is_plausible(views, own, outlier, limit)) continue;
     found.push_back(outlier);
     outliers.push_back(view);
   }

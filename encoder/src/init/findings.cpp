@@ -62,6 +62,22 @@ void find_timing(const std::vector<View>& views, const std::vector<LateCamera>& 
   }
 }
 
+void find_missing_masks(const std::vector<View>& views, const std::vector<bool>& masked,
+                        std::vector<Finding>* findings) {
+  const auto given = static_cast<std::size_t>(std::count(masked.begin(), masked.end(), true));
+  if (given == 0 || given == masked.size()) return;
+  std::string names;
+  for (std::size_t i = 0; i < masked.size(); ++i) {
+    if (!masked[i])
+      names += fmt::format("{}'{}'", names.empty() ? "" : ", ", views[i].camera->name);
+  }
+  findings->push_back(
+      {fmt::format("masks were given for {} of {}, not for {}", given,
+                   plural(masked.size(), "camera"), names),
+       "give masks of all training cameras in masks/CAMERA/, or of none; the others "
+       "have motion masks, which may show other content"});
+}
+
 void find_gaps(const std::vector<View>& views, const cv::Vec3d& focus,
                std::vector<Finding>* findings) {
   std::vector<RigPose> poses;
@@ -182,10 +198,12 @@ void find_photometry(const std::vector<Surface>& surfaces, const std::vector<Sur
 std::vector<Finding> find_weaknesses(const std::vector<View>& views, const StaticScene& scene,
                                      const CalibrationCheck& calibration,
                                      const std::vector<LateCamera>& late,
+                                     const std::vector<bool>& masked,
                                      const std::vector<SurfacePoint>& points) {
   std::vector<Finding> findings;
   find_calibration(views, calibration, &findings);
   find_timing(views, late, &findings);
+  find_missing_masks(views, masked, &findings);
   find_gaps(views, scene.focus.point, &findings);
   if (views.size() > 1) find_unmeasured(scene, &findings);
   find_photometry(scene.surfaces, points, &findings);

@@ -18,11 +18,13 @@ struct Finding {
   bool is_logged = false;  // by the stage that found it
 };
 
-// Returns the findings about calibration, timing, overlap, measured depth, exposure and sharpness,
-// the most consequential first. `points` are the static points.
+// Returns the findings about calibration, timing, masks, overlap, measured depth, exposure and
+// sharpness, the most consequential first. `masked`: whether the masks of a view were given.
+// `points` are the static points.
 std::vector<Finding> find_weaknesses(const std::vector<View>& views, const StaticScene& scene,
                                      const CalibrationCheck& calibration,
                                      const std::vector<LateCamera>& late,
+                                     const std::vector<bool>& masked,
                                      const std::vector<SurfacePoint>& points);
 
 }  // namespace stgs::encoder::init

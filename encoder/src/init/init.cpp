@@ -38,6 +38,7 @@ struct State {
   CalibrationCheck calibration{};
   std::vector<ViewMotion> motion{};
   std::vector<LateCamera> late{};
+  std::vector<bool> masked{};  // by given masks
   StaticScene scene{};
   std::vector<DynamicFrame> frames{};
   std::vector<Velocities> velocities{};
@@ -84,14 +85,14 @@ Status find_all_motion(State& state) {
     return find_motion(state.capture, state.views[i], state.settings, state.work, &state.motion[i]);
   }));
   double share = 0;
-  int given = 0;
   for (const ViewMotion& motion : state.motion) {
     for (const float c : motion.coverage) share += c / float(motion.coverage.size());
-    given += motion.given_masks ? 1 : 0;
+    state.masked.push_back(motion.given_masks);
   }
   state.work.log(fmt::format("motion: {:.1f} % of the pixels are dynamic; masks given for {} of {}",
-                             100 * share / double(state.views.size()), given,
-                             plural(state.views.size(), "camera")));
+                             100 * share / double(state.views.size()),
+                             std::count(state.masked.begin(), state.masked.end(), true),
+                             plural(state.masked.size(), "camera")));
   return {};
 }
 
@@ -368,11 +369,10 @@ Status run(State& state) {
   }
   STGS_TRY(choose_static(state));
   collect_points(state);
-  state.findings =
-      find_weaknesses(state.views, state.scene, state.calibration, state.late, state.scene.points);
-  for (const Finding& f : state.findings) {
+  state.findings = find_weaknesses(state.views, state.scene, state.calibration, state.late,
+                                   state.masked, state.scene.points);
+  for (const Finding& f : state.findings)
     if (!f.is_logged) state.work.log(fmt::format("{}; {}", f.text, f.remedy), 1);
-  }
   const std::string& folder = state.capture.folder;
   STGS_TRY(write_points(folder + "/points_static.ply", state.static_points));
   STGS_TRY(write_points(folder + "/points_dynamic.ply", state.dynamic_points));
