@@ -9,10 +9,11 @@
 
 STGS_MATH_BEGIN
 
+// Limits the rates of primitives with a lifespan of a frame.
 const float kMaxShortLivedFactor = 3.0f;
 
-// A primitive is updated by the views at which it is visible only. One that lives for a tenth of
-// the clip gets a tenth of the steps, which is too few in a short run unless its steps are longer.
+// A primitive is updated only by steps whose view shows it. One with a lifespan of a tenth of the
+// clip gets a tenth of the steps, which is too few in a short run unless its steps are longer.
 struct ShortLivedRules {
   float half_clip;  // half the clip's length, ticks
   float power;      // at least 0; 0: all primitives have the same rates

@@ -352,6 +352,7 @@ TEST_CASE("published methods train as they are published") {
   for (float r : free_time->gaussians.radius) CHECK(r == 0.0f);
   CHECK(value("velocity_shrink") == "0");
   CHECK(value("kernel") == "0");
+  CHECK(value("short_rate") == "0");
   // Relocation keeps N, and no compaction follows.
   settings.iterations = 1;
   CHECK(run(synthetic, settings)->gaussians.size() == free_time->gaussians.size());
@@ -361,6 +362,7 @@ TEST_CASE("published methods train as they are published") {
   const Result<Scene> coupled = train(synthetic.capture, settings, nullptr, nullptr, &report);
   REQUIRE(coupled.ok());
   CHECK(value("weight_scale") == "0");
+  CHECK(value("short_rate") == "0");
   CHECK_FALSE(same(free_time->gaussians, coupled->gaussians));
 
   settings.ablate = "lifespan";

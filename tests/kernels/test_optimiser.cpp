@@ -285,6 +285,8 @@ TEST_CASE("short clips do not damp the motion of dynamic content") {
     StepInput input;
     set_schedule(parameters, capture, 0.5, false, input);
     CHECK(input.damping.half_width == Approx(visible_width / 2));
+    CHECK(input.short_lived.half_clip == Approx(frames / 2.0));
+    CHECK(input.short_lived.power == Approx(parameters.short_rate));
     const auto initial_sigma = static_cast<float>(parameters.sigma_dynamic);
     CHECK(input.damping.half_width >
           math::support_half_width(1.0f, initial_sigma, 0.0f, math::kAlphaThreshold));
@@ -316,9 +318,10 @@ TEST_CASE("a step of a short-lived primitive is longer in all its parameters") {
     input.rates.fill(1e-4f);
     input.rate_sh0 = 1e-4f;
     input.short_lived = {20.0f, power};
+    input.modulated = false;  // v is not rescaled
     cpu::adam_primitive(state, 0, gradients, input);
     std::vector<float> moved;
-    for (const int a : {kPosition, kLogScale, kRotation, kOpacity, kSh, kTime})
+    for (int a = 0; a < kAttributes; ++a)
       for (std::size_t k = 0; k < state.values(a).size(); ++k)
         moved.push_back(state.values(a)[k] - before.values(a)[k]);
     return moved;
@@ -327,6 +330,22 @@ TEST_CASE("a step of a short-lived primitive is longer in all its parameters") {
   CHECK(lengths(25.0f, 0.5f) == lengths(25.0f, 0.0f));
   for (std::size_t k = 0; k < usual.size(); ++k)
     CHECK(longer[k] == Approx(2 * usual[k]).epsilon(0.02));
+}
+
+TEST_CASE("steps over several views update short-lived primitives more often") {
+  HyperParameters parameters;
+  parameters.batch_rate = 0;
+  PreparedCapture capture;
+  capture.frames = 60;
+  const auto factor = [&](int views) {
+    StepInput input;
+    set_schedule(parameters, capture, 0.5, false, input);
+    if (views > 1) set_batch_schedule(parameters, views, input);
+    return math::short_lived_factor(1e-6f, 7.5f, input.short_lived);
+  };
+  CHECK(factor(1) == Approx(2));
+  CHECK(factor(2) == Approx(std::sqrt(2)));
+  CHECK(factor(8) == 1.0f);
 }
 
 TEST_CASE("a plan without cameras has images large enough for every loss term") {

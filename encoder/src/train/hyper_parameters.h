@@ -47,7 +47,7 @@ struct HyperParameters {
   double lr_time = 1e-2;
   double lr_sigma = 5e-3;
   double lr_radius = 5e-3;
-  double short_rate = 0.5;
+  double short_rate = 0.5;  // math/short_lived.h
   double lr_colour = 1e-3;
   // Refinement of the cameras.
   double lr_camera = 3e-3;

@@ -53,6 +53,8 @@ void set_batch_schedule(const HyperParameters& p, int views, StepInput& input) {
   const float rate_factor = std::pow(count, static_cast<float>(p.batch_rate));
   for (float& rate : input.rates) rate *= rate_factor;
   input.rate_sh0 *= rate_factor;
+  // A primitive is updated if any of the views shows it.
+  input.short_lived.half_clip /= count;
   input.damping.shrink *= rate_factor;
   input.damping.share = std::min(1.0f, input.damping.share * rate_factor);
   const float power = std::pow(count, static_cast<float>(p.batch_memory));

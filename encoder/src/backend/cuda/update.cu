@@ -119,7 +119,7 @@ struct PrimitiveTerms {
   Statistics statistics;  // if they are gathered
 };
 
-// Fills the stage of visible primitive i except Adam's factors. `inverse_count`: of the visible
+// Fills the stage of visible primitive i except the factors. `inverse_count`: of the visible
 // primitives.
 template <bool kPlanes, bool kCoupled>
 __device__ PrimitiveTerms primitive_gradients(const Primitives& p, std::uint32_t i,
