@@ -43,9 +43,7 @@ class Encode final : public Command {
         "  stgs encode capture/ -o scene.stgs --keep-work work/ --resume work/run.ckpt"};
   }
   Shared shared() const override {
-    Shared shared = TrainOptions::shared();
-    shared.backend = "Backend of training, and of stereo for a sparse rig";
-    return shared;
+    return encoder_shared("Backend of training, and of stereo for a sparse rig");
   }
   void declare(Arguments& app) override {
     app.add_option("CAPTURE", capture_, "Folder of videos or images")->required();

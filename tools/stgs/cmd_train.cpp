@@ -28,7 +28,7 @@ class Train final : public Command {
         "  stgs train prepared/ -o parts/ --window 300 --overlap 30\n"
         "  mpirun -np 2 --bind-to none stgs train prepared/ -o scene.stgs"};
   }
-  Shared shared() const override { return TrainOptions::shared(); }
+  Shared shared() const override { return encoder_shared("Training backend"); }
   void declare(Arguments& app) override {
     app.add_option("DIR", folder_, "Prepared capture");
     app.add_option("-o,--output", output_, "Output file (lossless .stgs), or folder with --window");

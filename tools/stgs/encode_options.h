@@ -31,17 +31,18 @@ class PrepareOptions {
   bool no_split_ = false;
 };
 
+// The common options of a verb that prepares or trains. `backend`: the label of --backend.
+inline Shared encoder_shared(const char* backend) {
+  return {.progress = true,
+          .log_level = true,
+          .backend = backend,
+          .trains = true,
+          .threads = true,
+          .seed = true};
+}
+
 class TrainOptions {
  public:
-  // The common options of a verb that trains.
-  static Shared shared() {
-    return {.progress = true,
-            .log_level = true,
-            .backend = "Training backend",
-            .trains = true,
-            .threads = true,
-            .seed = true};
-  }
   // `with_packing`: the verb declares PackOptions, too, whose quality and limits it passes to
   // train_for().
   void declare(Arguments& app, bool with_packing = false);
