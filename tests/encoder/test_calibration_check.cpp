@@ -230,6 +230,23 @@ TEST_CASE(
   if (!agrees_with_one) CHECK(check.outliers[0].view == 4);
 }
 
+TEST_CASE("calibration check: a moved camera is named although it agrees with another",
+          "[calibration_check]") {
+  const std::vector<View> views = ring();
+  std::vector<View> given = views;
+  cv::Matx33d turn;
+  cv::Rodrigues(cv::Vec3d(0.04, 0.03, 0.02), turn);
+  given[4] = moved(views[4], turn * views[4].rotation, turn * views[4].translation);
+  std::vector<PairMatches> pairs = matches_of(views);
+  const std::vector<PairMatches> wrong = matches_of(given);
+  for (std::size_t i = 0; i < pairs.size(); ++i)
+    if (pairs[i].a == 3 && pairs[i].b == 4) pairs[i] = wrong[i];
+  const CalibrationCheck check = check_calibration(given, pairs);
+  REQUIRE(check.outliers.size() == 1);
+  CHECK(check.outliers[0].view == 4);
+  CHECK(check.outliers[0].error > 5);
+}
+
 TEST_CASE("calibration check: too few pairs give no verdict", "[calibration_check]") {
   const std::vector<View> views = ring();
   std::vector<PairMatches> pairs = matches_of(views);
