@@ -16,7 +16,7 @@ class PrepareReport(CliTest):
 
     def test_a_sound_capture(self):
         page, log = self.report()
-        self.assertIn("Nothing conspicuous: ready to train.", page)
+        self.assertIn("No problems found: ready to train.", page)
         self.assertNotIn("Findings", page)
         self.assertNotIn("warning", log)
         self.assertIn("Cameras from above", page)

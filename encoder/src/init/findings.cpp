@@ -74,8 +74,8 @@ void find_missing_masks(const std::vector<View>& views, const std::vector<bool>&
   findings->push_back(
       {fmt::format("masks were given for {} of {}, not for {}", given,
                    plural(masked.size(), "camera"), names),
-       "give masks of all training cameras in masks/CAMERA/, or of none; the others "
-       "have motion masks, which may show other content"});
+       "provide masks for all training cameras in masks/CAMERA/, or for none; the others "
+       "have motion masks, which may cover different content"});
 }
 
 void find_gaps(const std::vector<View>& views, const cv::Vec3d& focus,

@@ -38,7 +38,7 @@ struct State {
   CalibrationCheck calibration{};
   std::vector<ViewMotion> motion{};
   std::vector<LateCamera> late{};
-  std::vector<bool> masked{};  // by given masks
+  std::vector<bool> masked{};  // whether the masks of a view were given
   StaticScene scene{};
   std::vector<DynamicFrame> frames{};
   std::vector<Velocities> velocities{};

@@ -106,7 +106,7 @@ std::vector<MapCamera> map_of(const PreparedCapture& capture) {
 
 void add_verdict(const std::vector<Finding>& findings, ReportPage* page) {
   if (findings.empty()) {
-    page->paragraph("Nothing conspicuous: ready to train.");
+    page->paragraph("No problems found: ready to train.");
     return;
   }
   page->heading("Findings");
