@@ -34,12 +34,14 @@ PreparedCapture write(const testing::TemporaryFolder& folder, SyntheticRig rig, 
   return capture;
 }
 
-std::vector<LateCamera> check(const PreparedCapture& capture) {
+std::vector<LateCamera> check(const PreparedCapture& capture,
+                              const CalibrationCheck& calibration = {}) {
   const ProgressSink progress;
   const LogSink log = [](int, const std::string&) {};
   Work work(progress, log);
   std::vector<LateCamera> late;
-  const Status status = check_timing(capture, training_views(capture, 640), work, &late);
+  const Status status =
+      check_timing(capture, training_views(capture, 640), calibration, work, &late);
   INFO(status.message());
   REQUIRE(status.ok());
   return late;
@@ -64,7 +66,7 @@ TEST_CASE("a camera that is two frames late, or ahead, is found") {
   CHECK(late[0].frames == delay);
 }
 
-TEST_CASE("synchronous cameras, short clips and still scenes have no late camera") {
+TEST_CASE("synchronous or miscalibrated cameras, short clips, still scenes: none is late") {
   const testing::TemporaryFolder folder;
   SyntheticRig rig = falling(8);
   SECTION("synchronous") {
@@ -77,6 +79,11 @@ TEST_CASE("synchronous cameras, short clips and still scenes have no late camera
     PreparedCapture capture = write(folder, rig, 2, 2);
     capture.cameras.resize(2);
     CHECK(check(capture).empty());
+  }
+  SECTION("a camera whose calibration disagrees") {
+    CalibrationCheck calibration;
+    calibration.outliers.emplace_back().view = 2;
+    CHECK(check(write(folder, rig, 2, 2), calibration).empty());
   }
   SECTION("still") {
     rig.velocity = {0, 0, 0};

@@ -24,9 +24,10 @@ constexpr int kMinKnown = 8;        // matches of known depth
 constexpr double kExplainedShare = 0.7, kExplainedError = 1, kLargeError = 5;
 // A camera whose error is smaller, or that agrees with one of the others, is an outlier only if a
 // known mistake explains its matches, or if another pose and focal length reduce the error to this
-// share. If none does, its matches connect similar objects.
+// share. If none does, its matches connect similar objects. Of right cameras, 0.6 and more remain.
 constexpr double kFittedShare = 0.4;
 constexpr std::size_t kMinPairsOfFit = 2;  // another pose explains the matches of any single pair
+constexpr std::size_t kMinPairsOfSmallError = 3;
 constexpr std::size_t kMinPairsOfAll = 6, kMinPairsOfOne = 3;
 
 View with_pose(View view, const cv::Matx33d& rotation, const cv::Vec3d& translation) {
@@ -127,6 +128,14 @@ bool is_in_front(const View& a, const View& b, const PairMatches& pair) {
   return !is_known || in_front >= kInFrontShare * known;
 }
 
+// Appends the distance of each match from its epipolar lines.
+void append_distances(const View& a, const View& b, const PairMatches& pair,
+                      std::vector<double>* out) {
+  const cv::Matx33d f = fundamental_of(a, b);
+  for (std::size_t i = 0; i < pair.in_a.size(); ++i)
+    out->push_back(epipolar_distance(f, pair.in_a[i], pair.in_b[i]));
+}
+
 // How the matches of a pair agree with its calibration.
 struct Agreement {
   double error = 0;  // median distance from the epipolar lines, pixels
@@ -135,14 +144,20 @@ struct Agreement {
 };
 
 Agreement agreement_of(const View& a, const View& b, const PairMatches& pair) {
-  const cv::Matx33d f = fundamental_of(a, b);
   std::vector<double> distances;
-  for (std::size_t i = 0; i < pair.in_a.size(); ++i)
-    distances.push_back(epipolar_distance(f, pair.in_a[i], pair.in_b[i]));
+  append_distances(a, b, pair, &distances);
   return {median_value(std::move(distances)), is_in_front(a, b, pair)};
 }
 
 using Pairs = std::vector<PairMatches>;
+
+// Returns the median distance of all matches of the pairs, of which there is at least one.
+double median_distance(const std::vector<View>& views, const Pairs& pairs) {
+  std::vector<double> distances;
+  for (const PairMatches& pair : pairs)
+    append_distances(views[pair.a], views[pair.b], pair, &distances);
+  return median_value(std::move(distances));
+}
 
 std::vector<Agreement> agreements_of(const std::vector<View>& views, const Pairs& pairs) {
   std::vector<Agreement> out;
@@ -269,12 +284,31 @@ Pairs pairs_of(const Pairs& pairs, const std::vector<int>& outliers, int view) {
   return own;
 }
 
+// Adds the views with an error that spares half of their pairs: those whose matches another pose
+// explains much better. The worst first.
+void find_small_errors(const std::vector<View>& views, const Pairs& pairs, std::vector<int>* out) {
+  for (;;) {
+    int worst = -1;
+    double least = kFittedShare;
+    for (int view = 0; view < static_cast<int>(views.size()); ++view) {
+      const Pairs own = pairs_of(pairs, *out, view);
+      if (contains(*out, view) || own.size() < kMinPairsOfSmallError) continue;
+      const double error = median_distance(views, own);
+      if (error <= kPoor) continue;
+      const double share = fitted_error(views, own, view) / error;
+      if (share < least) least = share, worst = view;
+    }
+    if (worst < 0) return;
+    out->push_back(worst);
+  }
+}
+
 // Describes an outlier by its pairs.
 Outlier describe(const std::vector<View>& views, const Pairs& own, int view) {
   const std::vector<Agreement> given = agreements_of(views, own);
   Outlier out;
   out.view = view;
-  out.error = median_error(given);
+  out.error = median_distance(views, own);
   out.is_behind = share_in_front(given) < 0.5;
   if (own.size() < kMinPairsOfOne) return out;
   Explanation explanation(own, given);
@@ -303,6 +337,11 @@ bool is_plausible(const std::vector<View>& views, const Pairs& own, const Outlie
 
 }  // namespace
 
+bool CalibrationCheck::is_outlier(int view) const {
+  return std::any_of(outliers.begin(), outliers.end(),
+                     [view](const Outlier& one) { return one.view == view; });
+}
+
 CalibrationCheck check_calibration(const std::vector<View>& views, const Pairs& pairs) {
   CalibrationCheck out;
   out.pairs = pairs.size();
@@ -311,7 +350,8 @@ CalibrationCheck check_calibration(const std::vector<View>& views, const Pairs& 
   out.error = median_error(agreements);
   out.is_behind = share_in_front(agreements) < 0.5;
   const double limit = poor_limit(agreements);
-  const std::vector<int> suspects = find_outliers(views.size(), pairs, agreements, limit);
+  std::vector<int> suspects = find_outliers(views.size(), pairs, agreements, limit);
+  find_small_errors(views, pairs, &suspects);
   std::vector<Outlier> found;
   std::vector<int> outliers;
   for (const int view : suspects) {

@@ -33,6 +33,8 @@ struct CalibrationCheck {
   bool is_behind = false;  // most matches are behind a camera
   Cause cause;             // of all cameras, if the calibration does not fit
   std::vector<Outlier> outliers;
+
+  bool is_outlier(int view) const;
 };
 
 inline constexpr std::size_t kMinPairs = 3;

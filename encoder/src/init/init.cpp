@@ -360,7 +360,7 @@ Status run(State& state) {
   STGS_TRY(check_calibration(state));
   STGS_TRY(find_all_motion(state));
   if (state.settings.separate_motion)
-    STGS_TRY(check_timing(state.capture, state.views, state.work, &state.late));
+    STGS_TRY(check_timing(state.capture, state.views, state.calibration, state.work, &state.late));
   start_features(state);
   STGS_TRY(find_static(state));
   if (state.settings.separate_motion) {

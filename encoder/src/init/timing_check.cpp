@@ -124,8 +124,8 @@ LateCamera find_latest(const std::vector<PairCounts>& pairs, const std::vector<i
 
 }  // namespace
 
-Status check_timing(const PreparedCapture& capture, const std::vector<View>& views, Work& work,
-                    std::vector<LateCamera>* out) {
+Status check_timing(const PreparedCapture& capture, const std::vector<View>& views,
+                    const CalibrationCheck& calibration, Work& work, std::vector<LateCamera>* out) {
   out->clear();
   if (views.size() <= kMinAgreeing || capture.frames < kDelays) return {};
   std::set<int> times;
@@ -135,7 +135,9 @@ Status check_timing(const PreparedCapture& capture, const std::vector<View>& vie
   }
   work.stage("timing", 2 * static_cast<int>(times.size()));
   std::vector<PairCounts> pairs;
-  for (const auto& [a, b] : likely_pairs(views)) pairs.push_back({a, b, {}});
+  for (const auto& [a, b] : likely_pairs(views)) {
+    if (!calibration.is_outlier(a) && !calibration.is_outlier(b)) pairs.push_back({a, b, {}});
+  }
   for (const int time : times) STGS_TRY(count_pairs(capture, views, time, work, &pairs));
   // One by one, because a late camera makes its partners look early. Most are in time.
   std::vector<int> delays(views.size(), 0);

@@ -4,6 +4,7 @@
 
 #include <vector>
 
+#include "init/calibration_check.h"
 #include "init/view.h"
 #include "init/work.h"
 
@@ -17,9 +18,10 @@ struct LateCamera {
 
 // Matches moving content, which the masks of the capture show, between each view and its likely
 // partners in frames that are up to kMaxDelay apart. The matches are nearest to their epipolar
-// lines in frames of the same time. Finds nothing in short clips, and where too little moves.
-Status check_timing(const PreparedCapture& capture, const std::vector<View>& views, Work& work,
-                    std::vector<LateCamera>* out);
+// lines in frames of the same time. Finds nothing in short clips, and where too little moves, nor
+// among the outliers of the calibration, whose lines are wrong.
+Status check_timing(const PreparedCapture& capture, const std::vector<View>& views,
+                    const CalibrationCheck& calibration, Work& work, std::vector<LateCamera>* out);
 
 inline constexpr int kMaxDelay = 3;  // frames
 
