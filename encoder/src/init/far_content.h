@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sky and far background of a sparse rig. Stereo does not confirm them, because they lie beyond its
-// range or have no texture, and depth interpolated from the content around would put them in front
-// of other content.
+// Sky and far background. Stereo does not confirm them, because they lie beyond its range or have
+// no texture, and depth interpolated from the content around would put them in front of other
+// content.
 #pragma once
 
 #include <opencv2/core.hpp>

@@ -42,8 +42,8 @@ Status find_depth_range(const std::vector<std::vector<StaticImage>>& inputs, Wor
 // Computes the dense depth of every image, confirmed across views. Holes are interpolated.
 Status find_static_depth(const std::vector<StaticImage>& inputs, Work& work, StaticScene* scene);
 
-// Improves that depth, and adds normals, by stereo for a sparse rig (rig.h), whose sweeps find
-// little; places sky and far background; and moves interpolated depth that other views contradict.
+// Improves that depth, and adds normals, by stereo, unless there are fewer than three images; then
+// places sky and far background, and moves interpolated depth that other views contradict.
 // Stages "stereo", on `backend` (geometry/view_matcher.h), and "far background".
 Status refine_static_depth(const std::vector<StaticImage>& inputs, const std::string& backend,
                            Work& work, StaticScene* scene);

@@ -6,7 +6,6 @@
 
 #include "geometry/stereo.h"
 #include "init/static_points.h"
-#include "train/rig.h"
 
 namespace stgs::encoder::init {
 namespace {
@@ -14,13 +13,6 @@ namespace {
 constexpr std::size_t kMinViews = 3;  // two must confirm the depth of one
 // Full size gives no better points (basketball, workshop_ring), but takes four times as long.
 constexpr int kMinSide = 160, kMaxSide = 320;  // longer side of the images, pixels
-
-double sparsity_of(const std::vector<View>& views, const cv::Vec3d& focus) {
-  std::vector<RigPose> poses;
-  poses.reserve(views.size());
-  for (const View& view : views) poses.push_back(rig_pose(*view.camera));
-  return rig_sparsity(poses, focus.val);
-}
 
 geometry::StereoView stereo_view(const View& view, const cv::Mat& rgb) {
   geometry::StereoView out;
@@ -66,7 +58,7 @@ Result<std::vector<StereoDepth>> match_static(const std::vector<StaticImage>& in
     const int half = std::max(input.view.camera->width, input.view.camera->height) / 2;
     views.push_back(make_view(*input.view.camera, std::clamp(half, kMinSide, kMaxSide)));
   }
-  if (views.size() < kMinViews || !(sparsity_of(views, focus) > 0)) return depths;
+  if (views.size() < kMinViews) return depths;
   work.stage("stereo", geometry::kStereoLoops);
   std::vector<geometry::StereoView> images;
   for (std::size_t i = 0; i < views.size(); ++i) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Depth and normals of static images by multi-view stereo, for rigs too sparse for a plane sweep.
+// Depth and normals of static images by multi-view stereo.
 #pragma once
 
 #include <opencv2/core.hpp>
@@ -22,8 +22,7 @@ struct StereoDepth {
 };
 
 // Matches the images within a depth range, on `backend` (view_matcher.h). Returns one result per
-// image, at about half its size, or none if the rig is dense (rig.h), where a sweep is as good, or
-// has fewer than three cameras.
+// image, at about half its size, or none for fewer than three images.
 Result<std::vector<StereoDepth>> match_static(const std::vector<StaticImage>& inputs,
                                               const cv::Vec3d& focus, const DepthRange& range,
                                               const std::string& backend, Work& work);

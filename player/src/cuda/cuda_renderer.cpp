@@ -40,11 +40,14 @@ class FrameGraphRenderer final : public CudaRenderer {
           error != cudaSuccess ? cudaGetErrorString(error) : "the device count is 0");
     }
     for (int degree = 0; degree <= math::kShMaxDegree; ++degree) {
-      if (const cudaError_t error = find_grids(degree, grids_[degree]); error != cudaSuccess) {
+      const cudaError_t error = find_grids(degree, grids_[degree]);
+      if (error == cudaErrorNoKernelImageForDevice || error == cudaErrorInvalidDeviceFunction ||
+          error == cudaErrorUnsupportedPtxVersion) {
         (void)cudaGetLastError();
         return unsupported("this build has no code for the CUDA device ({}); use backend 'cpu'",
                            cudaGetErrorString(error));
       }
+      STGS_TRY(cuda_status(error, "loading the kernels"));
     }
     STGS_TRY(cuda_status(cudaGetDevice(&device_), "querying the current device"));
     STGS_TRY(cuda_status(cudaStreamCreateWithFlags(stream_.fresh(), cudaStreamNonBlocking),
