@@ -230,11 +230,10 @@ TEST_CASE(
   if (!agrees_with_one) CHECK(check.outliers[0].view == 4);
 }
 
-TEST_CASE("calibration check: a camera is not named for few of its matches",
-          "[calibration_check]") {
+TEST_CASE("calibration check: a few wrong matches do not name a camera", "[calibration_check]") {
   const std::vector<View> views = ring();
   std::vector<PairMatches> pairs = matches_of(views);
-  // Imprecise matches with one camera, and few, with other objects, with three.
+  // Imprecise matches with one camera, and a few wrong ones with three others.
   std::mt19937 random(5);
   std::uniform_real_distribution<double> near(-2, 2), far(-200, 200);
   for (PairMatches& pair : pairs) {

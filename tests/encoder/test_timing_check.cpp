@@ -66,7 +66,8 @@ TEST_CASE("a camera that is two frames late, or ahead, is found") {
   CHECK(late[0].frames == delay);
 }
 
-TEST_CASE("synchronous or miscalibrated cameras, short clips, still scenes: none is late") {
+TEST_CASE(
+    "synchronous or miscalibrated cameras, short clips and still scenes have no late camera") {
   const testing::TemporaryFolder folder;
   SyntheticRig rig = falling(8);
   SECTION("synchronous") {

@@ -24,7 +24,8 @@ constexpr int kMinKnown = 8;        // matches of known depth
 constexpr double kExplainedShare = 0.7, kExplainedError = 1, kLargeError = 5;
 // A camera whose error is smaller, or that agrees with one of the others, is an outlier only if a
 // known mistake explains its matches, or if another pose and focal length reduce the error to this
-// share. If none does, its matches connect similar objects. Of right cameras, 0.6 and more remain.
+// share. If none does, its matches connect similar objects. If the calibration is correct, more
+// than 0.6 of the error remains.
 constexpr double kFittedShare = 0.4;
 constexpr std::size_t kMinPairsOfFit = 2;  // another pose explains the matches of any single pair
 constexpr std::size_t kMinPairsOfSmallError = 3;
@@ -284,8 +285,8 @@ Pairs pairs_of(const Pairs& pairs, const std::vector<int>& outliers, int view) {
   return own;
 }
 
-// Adds the views with an error that spares half of their pairs: those whose matches another pose
-// explains much better. The worst first.
+// Adds the views that agree with half of the others or more, although another pose explains their
+// matches much better. The worst first.
 void find_small_errors(const std::vector<View>& views, const Pairs& pairs, std::vector<int>* out) {
   for (;;) {
     int worst = -1;

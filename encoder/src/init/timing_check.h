@@ -18,8 +18,8 @@ struct LateCamera {
 
 // Matches moving content, which the masks of the capture show, between each view and its likely
 // partners in frames that are up to kMaxDelay apart. The matches are nearest to their epipolar
-// lines in frames of the same time. Finds nothing in short clips, and where too little moves, nor
-// among the outliers of the calibration, whose lines are wrong.
+// lines in frames of the same time. Finds nothing in short clips, and where too little moves.
+// Skips the outliers of the calibration, because their epipolar lines are wrong.
 Status check_timing(const PreparedCapture& capture, const std::vector<View>& views,
                     const CalibrationCheck& calibration, Work& work, std::vector<LateCamera>* out);
 
