@@ -139,6 +139,27 @@ TEST_CASE("held-out cameras are never read, and the number of threads does not c
   }
 }
 
+TEST_CASE("a camera whose calibration disagrees gives no points") {
+  const TemporaryFolder with, without;
+  SyntheticRig rig;
+  rig.frames = 3;
+  PreparedCapture a = rig.write(with.path, 9), b = rig.write(without.path, 9);
+  constexpr std::size_t kMoved = 2;
+  REQUIRE_FALSE(a.cameras[kMoved].test);
+  a.cameras[kMoved].translation[0] += 0.3;
+  b.cameras[kMoved].test = true;
+  std::string log;
+  REQUIRE(
+      initialise(a, quick(), {}, [&](int, const std::string& line) { log += line + "\n"; }).ok());
+  REQUIRE(run(b).ok());
+  INFO(log);
+  REQUIRE(log.find("camera '" + a.cameras[kMoved].name + "' disagrees") != std::string::npos);
+  for (const char* name : {"points_static.ply", "points_dynamic.ply"}) {
+    CHECK(points_of(a, name).size() > 100);
+    CHECK(bytes_of(a.folder + "/" + name) == bytes_of(b.folder + "/" + name));
+  }
+}
+
 TEST_CASE("minimal captures still get initial points") {
   const TemporaryFolder folder;
   SyntheticRig rig;

@@ -133,12 +133,12 @@ bool colmap_installed() {
   return false;
 }
 
-Result<std::vector<SurfacePoint>> colmap_points(const PreparedCapture& capture, int max_views,
+Result<std::vector<SurfacePoint>> colmap_points(const PreparedCapture& capture,
+                                                const std::vector<View>& all, int max_views,
                                                 bool masked, int seconds,
                                                 const std::atomic<bool>& abandoned) {
-  const std::vector<View> all = training_views(capture, kMaxSide);
   std::vector<View> views;
-  for (const int i : spread(all, max_views)) views.push_back(all[i]);
+  for (const int i : spread(all, max_views)) views.push_back(make_view(*all[i].camera, kMaxSide));
   WorkFolder work;
   STGS_TRY(work.create(capture.folder + "/colmap"));
   const fs::path folder = work.path();

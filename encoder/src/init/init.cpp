@@ -27,7 +27,6 @@ using namespace init;
 constexpr int kMotionMaxSide = 640;  // longer side of the images in motion detection, pixels
 constexpr int kColmapViews = 12;     // more views add little, and time grows with their square
 constexpr int kColmapSeconds = 120;  // limit per step of COLMAP
-constexpr int kMeasuredFrames = 6;   // frames that compare the two velocity estimates
 
 // Data passed between the stages.
 struct State {
@@ -37,12 +36,15 @@ struct State {
   std::vector<View> views{};
   CalibrationCheck calibration{};
   std::vector<ViewMotion> motion{};
+  // Those whose calibration agrees with the others. Points come from them alone: a wrong pose puts
+  // points in wrong places, also by its masks and as the partner of other views.
+  std::vector<View> agreeing{};
+  std::vector<ViewMotion> agreeing_motion{};
   std::vector<LateCamera> late{};
   std::vector<bool> masked{};  // whether the masks of a view were given
   StaticScene scene{};
   std::vector<DynamicFrame> frames{};
-  std::vector<Velocities> velocities{};
-  std::string velocity_kind = "none";
+  ChosenVelocities velocities{};
   std::vector<InitialPoint> static_points{}, dynamic_points{};
   std::vector<Finding> findings{};
   std::size_t too_near = 0;            // points removed in front of the near plane
@@ -96,17 +98,31 @@ Status find_all_motion(State& state) {
   return {};
 }
 
+void select_agreeing(State& state) {
+  std::string left_out;
+  for (std::size_t i = 0; i < state.views.size(); ++i) {
+    if (state.calibration.is_outlier(int(i))) {
+      left_out += fmt::format("{}'{}'", left_out.empty() ? "" : ", ", state.views[i].camera->name);
+      continue;
+    }
+    state.agreeing.push_back(state.views[i]);
+    state.agreeing_motion.push_back(state.motion[i]);
+  }
+  if (!left_out.empty())
+    state.work.log("points: not from " + left_out + ", because of the calibration");
+}
+
 Status find_static(State& state) {
   std::vector<std::vector<StaticImage>> backgrounds(1);
-  for (std::size_t i = 0; i < state.views.size(); ++i) {
-    backgrounds[0].push_back(
-        {state.views[i], state.motion[i].background, state.motion[i].background_valid});
+  for (std::size_t i = 0; i < state.agreeing.size(); ++i) {
+    const ViewMotion& motion = state.agreeing_motion[i];
+    backgrounds[0].push_back({state.agreeing[i], motion.background, motion.background_valid});
   }
   // Dynamic content may be nearer than the background, so the range also uses the full frame 0.
   std::vector<std::vector<StaticImage>> with_frames = backgrounds;
   if (state.settings.separate_motion) {
     with_frames.emplace_back();
-    for (const View& view : state.views) {
+    for (const View& view : state.agreeing) {
       STGS_ASSIGN(const cv::Mat image, load_image(state.capture, view, 0));
       with_frames.back().push_back({view, image, {}});
     }
@@ -148,7 +164,7 @@ Result<std::vector<SurfacePoint>> given_points(State& state) {
 // Starts the triangulation of the features of frame 0 in parallel with the following stages. COLMAP
 // is optional: without it the initial points are only less accurate.
 void start_features(State& state) {
-  if (!state.settings.use_colmap || state.views.size() < 2) return;
+  if (!state.settings.use_colmap || state.agreeing.size() < 2) return;
   if (!colmap_installed()) {
     state.work.log("features: skipped (COLMAP is not installed)", 1);
     return;
@@ -156,8 +172,9 @@ void start_features(State& state) {
   state.features = std::async(std::launch::async, [&state] {
     Result<std::vector<SurfacePoint>> points{std::vector<SurfacePoint>{}};
     const Status status = guarded("colmap", [&]() -> Status {
-      STGS_ASSIGN(points, colmap_points(state.capture, kColmapViews, state.settings.separate_motion,
-                                        kColmapSeconds, state.abandoned));
+      STGS_ASSIGN(points,
+                  colmap_points(state.capture, state.agreeing, kColmapViews,
+                                state.settings.separate_motion, kColmapSeconds, state.abandoned));
       return {};
     });
     return status.ok() ? points : Result<std::vector<SurfacePoint>>{status};
@@ -183,7 +200,7 @@ Result<std::vector<SurfacePoint>> feature_points(State& state) {
   // A point outside the measured depth range in every view is a mismatch.
   for (const SurfacePoint& point : *found) {
     const bool plausible =
-        std::any_of(state.views.begin(), state.views.end(), [&](const View& view) {
+        std::any_of(state.agreeing.begin(), state.agreeing.end(), [&](const View& view) {
           const Pixel p = project(view, point.position);
           return p.inside && p.depth > state.scene.range.nearest &&
                  p.depth < state.scene.range.farthest;
@@ -192,7 +209,7 @@ Result<std::vector<SurfacePoint>> feature_points(State& state) {
   }
   state.work.log(found->empty()
                      ? fmt::format("features: none (COLMAP found no matches between {} views)",
-                                   std::min(kColmapViews, int(state.views.size())))
+                                   std::min(kColmapViews, int(state.agreeing.size())))
                      : fmt::format("features: {} points triangulated by COLMAP", points.size()));
   return points;
 }
@@ -215,8 +232,8 @@ Status find_dynamic(State& state) {
   settings.limit = dynamic_limit(state);
   state.frames.resize(state.capture.frames);
   STGS_TRY(state.work.for_each(state.capture.frames, [&](int frame) {
-    return find_dynamic_points(state.capture, state.views, state.scene, frame, settings, state.work,
-                               &state.frames[frame]);
+    return find_dynamic_points(state.capture, state.agreeing, state.scene, frame, settings,
+                               state.work, &state.frames[frame]);
   }));
   std::size_t points = 0, checked = 0;
   for (const DynamicFrame& frame : state.frames) {
@@ -228,77 +245,11 @@ Status find_dynamic(State& state) {
   return {};
 }
 
-// Computes both velocity estimates of a frame. The last frame uses the frame before it.
-void velocities_of(const State& state, int frame, Velocities* matched, Velocities* flowed) {
-  const int last = state.capture.frames - 1;
-  const std::vector<SurfacePoint>& points = state.frames[frame].points;
-  // Upper bound of a plausible velocity, scene units per frame: 1/15 of the image width at the
-  // focus.
-  const double reach = state.scene.focus.depth * state.views[0].width / state.views[0].fx / 15;
-  if (last == 0 || points.empty()) {
-    matched->assign(points.size(), cv::Vec3d(0, 0, 0));
-    *flowed = *matched;
-    return;
-  }
-  const int other = frame < last ? frame + 1 : frame - 1;
-  *matched = match_velocities(points, state.frames[other].points, reach, frame < last ? 1 : -1);
-  if (frame < last) {
-    *flowed = flow_velocities(points, state.views, state.motion, frame, reach);
-    *flowed = fill_unknown(*flowed, *matched);
-  }
-  *matched = fill_unknown(*matched, *matched);
-}
-
 Status find_velocities(State& state) {
-  const int frames = state.capture.frames;
-  state.work.stage("velocities", frames > 1 ? 2 : 1);
-  std::vector<Velocities> matched(frames), flowed(frames);
-  STGS_TRY(state.work.for_each(frames, [&](int frame) -> Status {
-    velocities_of(state, frame, &matched[frame], &flowed[frame]);
-    return {};
-  }));
-  if (frames > 1) {
-    flowed[frames - 1] = propagate_velocities(state.frames[frames - 1], state.frames[frames - 2],
-                                              flowed[frames - 2]);
-  }
-  struct Measured {
-    MotionFit zero, matched, flowed;
-  };
-  const int count = std::min(frames - 1, kMeasuredFrames);
-  std::vector<Measured> measured(std::max(0, count));
-  STGS_TRY(state.work.for_each(count, [&](int i) -> Status {
-    const int frame = count == 1 ? 0 : i * (frames - 2) / (count - 1);
-    const std::vector<SurfacePoint>& points = state.frames[frame].points;
-    const Velocities zero(points.size(), cv::Vec3d(0, 0, 0));
-    const auto fit = [&](const Velocities& v) {
-      return measure_motion(state.capture, state.views, points, v, frame + 1);
-    };
-    STGS_ASSIGN(measured[i].zero, fit(zero));
-    STGS_ASSIGN(measured[i].matched, fit(matched[frame]));
-    STGS_ASSIGN(measured[i].flowed, fit(flowed[frame]));
-    return {};
-  }));
-  double by_zero = 0, by_match = 0, by_flow = 0;
-  long samples = 0;
-  for (const Measured& m : measured) {
-    if (m.zero.samples == 0) continue;
-    samples += m.zero.samples;
-    by_zero += m.zero.residual() / count;
-    by_match += m.matched.residual() / count;
-    by_flow += m.flowed.residual() / count;
-  }
-  const bool flow_wins = by_flow < by_match;
-  state.velocities = flow_wins ? flowed : matched;
-  if (samples == 0) {
-    state.work.log("velocities: not measured (no dynamic points in the sampled frames)");
-    return {};
-  }
-  state.velocity_kind = flow_wins ? "lifted flow" : "nearest neighbours";
-  state.work.log(
-      fmt::format("velocities: {} (residual in the next frame: zero velocity {:.2f}, nearest "
-                  "neighbours {:.2f}, lifted flow {:.2f})",
-                  state.velocity_kind, by_zero, by_match, by_flow));
-  return {};
+  VelocityInput input{state.capture, state.agreeing, state.agreeing_motion, state.frames};
+  // Upper bound of a plausible velocity: 1/15 of the image width at the focus.
+  input.reach = state.scene.focus.depth * state.views[0].width / state.views[0].fx / 15;
+  return choose_velocities(input, state.work, &state.velocities);
 }
 
 void collect_points(State& state) {
@@ -309,7 +260,7 @@ void collect_points(State& state) {
   for (std::size_t f = 0; f < state.frames.size(); ++f) {
     for (std::size_t i = 0; i < state.frames[f].points.size(); ++i) {
       state.dynamic_points.push_back(
-          initial_point(state.frames[f].points[i], state.velocities[f][i], int(f)));
+          initial_point(state.frames[f].points[i], state.velocities.frames[f][i], int(f)));
     }
   }
   std::vector<InitialPoint> all = state.static_points;
@@ -338,7 +289,7 @@ ReportFacts facts_of(const State& state) {
   add("dynamic points", fmt::format("{}, {:.0f} per frame", state.dynamic_points.size(),
                                     double(state.dynamic_points.size()) / state.capture.frames));
   add("removed points", fmt::format("{}, in front of the near plane", state.too_near));
-  add("velocities from", state.velocity_kind);
+  add("velocities from", state.velocities.kind);
   add("calibration", text_of(state.calibration, state.views));
   add("depth range",
       fmt::format("{:.3g} to {:.3g}{}", state.scene.range.nearest, state.scene.range.farthest,
@@ -361,6 +312,7 @@ Status run(State& state) {
   STGS_TRY(find_all_motion(state));
   if (state.settings.separate_motion)
     STGS_TRY(check_timing(state.capture, state.views, state.calibration, state.work, &state.late));
+  select_agreeing(state);
   start_features(state);
   STGS_TRY(find_static(state));
   if (state.settings.separate_motion) {

@@ -163,10 +163,13 @@ Status write_report(const PreparedCapture& capture, const std::vector<View>& vie
     if (i < int(motion.size()) && !motion[i].background.empty()) {
       STGS_TRY(add("background", "median background", motion[i].background));
     }
-    if (i < int(scene.surfaces.size())) {
+    const auto surface =
+        std::find_if(scene.surfaces.begin(), scene.surfaces.end(),
+                     [&](const Surface& one) { return one.view.camera == view.camera; });
+    if (surface != scene.surfaces.end()) {
       STGS_TRY(add("depth",
                    "background depth (red: near, blue: far; darkened: interpolated, not measured)",
-                   depth_image(scene.surfaces[i], scene.range)));
+                   depth_image(*surface, scene.range)));
     }
     cv::Mat canvas(view.size(), CV_8UC3, cv::Scalar::all(0));
     canvas = draw_points(view, static_points, canvas, -1, 1);

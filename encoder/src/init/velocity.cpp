@@ -6,12 +6,14 @@
 #include <cmath>
 #include <memory>
 #include <nanoflann.hpp>
+#include <utility>
 
 namespace stgs::encoder::init {
 namespace {
 
 constexpr int kMatchRounds = 6;
 constexpr int kMinForMedian = 3;
+constexpr int kMeasuredFrames = 6;  // compare the two estimates
 
 // nanoflann's data set adaptor for points with position and weighted colour.
 struct Cloud {
@@ -245,6 +247,99 @@ Result<MotionFit> measure_motion(const PreparedCapture& capture, const std::vect
   fit.inside = double(inside) / double(fit.samples);
   fit.colour = difference / double(fit.samples);
   return fit;
+}
+
+namespace {
+
+struct Estimates {
+  Velocities matched, flowed;
+};
+
+Estimates estimates_of(const VelocityInput& input, int frame) {
+  const int last = input.capture.frames - 1;
+  const std::vector<SurfacePoint>& points = input.frames[frame].points;
+  Estimates out;
+  if (last == 0 || points.empty()) {
+    out.matched.assign(points.size(), cv::Vec3d(0, 0, 0));
+    out.flowed = out.matched;
+    return out;
+  }
+  const int other = frame < last ? frame + 1 : frame - 1;
+  out.matched =
+      match_velocities(points, input.frames[other].points, input.reach, frame < last ? 1 : -1);
+  if (frame < last) {
+    out.flowed = flow_velocities(points, input.views, input.motion, frame, input.reach);
+    out.flowed = fill_unknown(out.flowed, out.matched);
+  }
+  out.matched = fill_unknown(out.matched, out.matched);
+  return out;
+}
+
+struct Residuals {
+  double zero = 0, matched = 0, flowed = 0;
+  bool measured = false;
+};
+
+Result<Residuals> residuals_of(const VelocityInput& input, const Estimates& estimates, int frame) {
+  const std::vector<SurfacePoint>& points = input.frames[frame].points;
+  const auto fit = [&](const Velocities& velocities) {
+    return measure_motion(input.capture, input.views, points, velocities, frame + 1);
+  };
+  STGS_ASSIGN(const MotionFit zero, fit(Velocities(points.size(), cv::Vec3d(0, 0, 0))));
+  STGS_ASSIGN(const MotionFit matched, fit(estimates.matched));
+  STGS_ASSIGN(const MotionFit flowed, fit(estimates.flowed));
+  return Residuals{zero.residual(), matched.residual(), flowed.residual(), zero.samples > 0};
+}
+
+// Returns the mean over some frames.
+Result<Residuals> mean_residuals(const VelocityInput& input,
+                                 const std::vector<Estimates>& estimates, Work& work) {
+  const int frames = input.capture.frames, count = std::min(frames - 1, kMeasuredFrames);
+  std::vector<Residuals> found(std::max(0, count));
+  STGS_TRY(work.for_each(count, [&](int i) -> Status {
+    const int frame = count == 1 ? 0 : i * (frames - 2) / (count - 1);
+    STGS_ASSIGN(found[i], residuals_of(input, estimates[frame], frame));
+    return {};
+  }));
+  Residuals mean;
+  for (const Residuals& one : found) {
+    if (!one.measured) continue;
+    mean.zero += one.zero / count;
+    mean.matched += one.matched / count;
+    mean.flowed += one.flowed / count;
+    mean.measured = true;
+  }
+  return mean;
+}
+
+}  // namespace
+
+Status choose_velocities(const VelocityInput& input, Work& work, ChosenVelocities* out) {
+  const int frames = input.capture.frames;
+  work.stage("velocities", frames > 1 ? 2 : 1);
+  std::vector<Estimates> estimates(frames);
+  STGS_TRY(work.for_each(frames, [&](int frame) -> Status {
+    estimates[frame] = estimates_of(input, frame);
+    return {};
+  }));
+  if (frames > 1) {
+    estimates[frames - 1].flowed = propagate_velocities(
+        input.frames[frames - 1], input.frames[frames - 2], estimates[frames - 2].flowed);
+  }
+  STGS_ASSIGN(const Residuals mean, mean_residuals(input, estimates, work));
+  const bool flow_wins = mean.flowed < mean.matched;
+  for (Estimates& one : estimates)
+    out->frames.push_back(std::move(flow_wins ? one.flowed : one.matched));
+  if (!mean.measured) {
+    work.log("velocities: not measured (no dynamic points in the sampled frames)");
+    return {};
+  }
+  out->kind = flow_wins ? "lifted flow" : "nearest neighbours";
+  work.log(
+      fmt::format("velocities: {} (residual in the next frame: zero velocity {:.2f}, nearest "
+                  "neighbours {:.2f}, lifted flow {:.2f})",
+                  out->kind, mean.zero, mean.matched, mean.flowed));
+  return {};
 }
 
 }  // namespace stgs::encoder::init

@@ -3,10 +3,12 @@
 // method of the paper), and optical flow of several views lifted to 3D. A measurement selects one.
 #pragma once
 
+#include <string>
 #include <vector>
 
 #include "init/dynamic_points.h"
 #include "init/motion.h"
+#include "init/work.h"
 
 namespace stgs::encoder::init {
 
@@ -44,5 +46,22 @@ struct MotionFit {
 Result<MotionFit> measure_motion(const PreparedCapture& capture, const std::vector<View>& views,
                                  const std::vector<SurfacePoint>& points,
                                  const Velocities& velocities, int next_frame);
+
+struct VelocityInput {
+  const PreparedCapture& capture;
+  const std::vector<View>& views;
+  const std::vector<ViewMotion>& motion;  // per view
+  const std::vector<DynamicFrame>& frames;
+  double reach = 0;  // upper bound, scene units per frame
+};
+
+struct ChosenVelocities {
+  std::vector<Velocities> frames;  // one velocity per dynamic point, all known
+  std::string kind = "none";       // the estimate, for logs
+};
+
+// Computes both estimates in all frames and chooses the one that agrees better with the next
+// frames, in a stage of `work`. The last frame uses the frame before it.
+Status choose_velocities(const VelocityInput& input, Work& work, ChosenVelocities* out);
 
 }  // namespace stgs::encoder::init
