@@ -29,21 +29,6 @@ struct Level {
   std::vector<float> depth;
 };
 
-std::vector<std::uint32_t> corners_of(const StereoView& view) {
-  std::vector<std::uint32_t> corners(view.grey.size());
-  const auto value = [&view](int x, int y) {
-    const int px = std::min(x, view.width - 1), py = std::min(y, view.height - 1);
-    return std::uint32_t{view.grey[static_cast<std::size_t>(py) * view.width + px]};
-  };
-  for (int y = 0; y < view.height; ++y) {
-    for (int x = 0; x < view.width; ++x) {
-      corners[static_cast<std::size_t>(y) * view.width + x] =
-          value(x, y) | value(x + 1, y) << 8 | value(x, y + 1) << 16 | value(x + 1, y + 1) << 24;
-    }
-  }
-  return corners;
-}
-
 // Half the size; an odd last row or column is dropped.
 StereoView halved(const StereoView& view) {
   StereoView half = view;
@@ -69,7 +54,8 @@ std::vector<Level> levels_of(const std::vector<StereoView>& views, bool half) {
   std::vector<Level> levels(views.size());
   for (std::size_t i = 0; i < views.size(); ++i) {
     levels[i].view = half ? halved(views[i]) : views[i];
-    levels[i].corners = corners_of(levels[i].view);
+    levels[i].corners =
+        corners_of(levels[i].view.grey.data(), levels[i].view.width, levels[i].view.height);
   }
   return levels;
 }
@@ -264,6 +250,21 @@ class Matcher {
 };
 
 }  // namespace
+
+std::vector<std::uint32_t> corners_of(const std::uint8_t* grey, int width, int height) {
+  std::vector<std::uint32_t> corners(static_cast<std::size_t>(width) * height);
+  const auto value = [&](int x, int y) {
+    const int px = std::min(x, width - 1), py = std::min(y, height - 1);
+    return std::uint32_t{grey[static_cast<std::size_t>(py) * width + px]};
+  };
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) {
+      corners[static_cast<std::size_t>(y) * width + x] =
+          value(x, y) | value(x + 1, y) << 8 | value(x, y + 1) << 16 | value(x + 1, y + 1) << 24;
+    }
+  }
+  return corners;
+}
 
 Result<std::vector<StereoMap>> match_views(const std::vector<StereoView>& views,
                                            const StereoSettings& settings, ViewMatcher& matcher,

@@ -28,6 +28,9 @@ struct StereoSettings {
   std::uint64_t seed = 1;
 };
 
+// Returns StereoImage::corners of an image of width x height pixels.
+std::vector<std::uint32_t> corners_of(const std::uint8_t* grey, int width, int height);
+
 // The planes of a view, one per pixel.
 struct StereoMap {
   std::vector<Hypothesis> planes;           // in the view's camera space

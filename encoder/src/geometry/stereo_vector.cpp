@@ -7,27 +7,19 @@
 // Must follow foreach_target.h, which includes this file once per target.
 #include <hwy/highway.h>
 
+#include "geometry/grey_vector-inl.h"
+
 HWY_BEFORE_NAMESPACE();
 namespace stgs::encoder::geometry::HWY_NAMESPACE {
 namespace {
 
-namespace hn = hwy::HWY_NAMESPACE;
-using Tag = hn::CappedTag<float, 16>;
-using V = hn::Vec<Tag>;
+using Tag = GreyTag;
+using V = GreyV;
 
 constexpr int kLanes = static_cast<int>(hn::MaxLanes(Tag()));
 // Vectors beyond these hold only padding.
 constexpr int kVectors = (kSupportSize + kLanes - 1) / kLanes;
 static_assert(kVectors * kLanes <= kSupportPadded);
-
-// Byte k of each lane, as a float.
-template <int kByte, class I>
-HWY_INLINE V corner(I corners) {
-  const hn::RebindToUnsigned<Tag> du;
-  const hn::RebindToSigned<Tag> di;
-  const auto byte = hn::And(hn::ShiftRight<8 * kByte>(corners), hn::Set(du, 0xFFu));
-  return hn::ConvertTo(Tag(), hn::BitCast(di, byte));
-}
 
 // Sums over the pixels of a support, a vector at a time.
 class VectorSums {
@@ -67,22 +59,9 @@ class VectorSums {
  private:
   // grey_between().
   static HWY_INLINE V grey(const StereoImage& source, V u, V v) {
-    const Tag d;
-    const hn::RebindToSigned<Tag> di;
-    const hn::RebindToUnsigned<Tag> du;
-    const V half = hn::Set(d, 0.5f), zero = hn::Zero(d);
-    const V last_x = hn::Set(d, static_cast<float>(source.width - 1));
-    const V last_y = hn::Set(d, static_cast<float>(source.height - 1));
-    const V x = hn::Min(hn::Max(hn::Sub(u, half), zero), last_x);
-    const V y = hn::Min(hn::Max(hn::Sub(v, half), zero), last_y);
-    const auto x0 = hn::ConvertTo(di, x), y0 = hn::ConvertTo(di, y);
-    const V ax = hn::Sub(x, hn::ConvertTo(d, x0)), ay = hn::Sub(y, hn::ConvertTo(d, y0));
-    const auto index = hn::Add(hn::Mul(y0, hn::Set(di, source.width)), x0);
-    const auto corners = hn::GatherIndex(du, source.corners, index);
-    const V left = corner<0>(corners), below_left = corner<2>(corners);
-    const V above = hn::MulAdd(ax, hn::Sub(corner<1>(corners), left), left);
-    const V below = hn::MulAdd(ax, hn::Sub(corner<3>(corners), below_left), below_left);
-    return hn::MulAdd(ay, hn::Sub(below, above), above);
+    const V half = hn::Set(Tag(), 0.5f);
+    return grey_vector(source.corners, source.width, source.height, hn::Sub(u, half),
+                       hn::Sub(v, half));
   }
 
   HWY_ALIGN float x_[kSupportPadded], y_[kSupportPadded];

@@ -6,12 +6,13 @@
 #include <cstdint>
 #include <opencv2/imgproc.hpp>
 
+#include "geometry/plane_sweep.h"
+#include "geometry/stereo.h"
+
 namespace stgs::encoder::init {
 namespace {
 
-constexpr float kTextureFloor = 6.0f;  // variance (grey levels^2) of texture too weak to correlate
-constexpr float kColourScale = 48.0f;  // colour difference with the maximum cost, grey levels
-constexpr float kColourShare = 0.35f;  // weight of the colour term in the cost
+constexpr std::uint8_t kImpossible = 255;  // costs are below
 constexpr int kSmallStep = 10;  // SGM penalty for a step of one plane, on the 0..255 cost scale
 constexpr int kLargeStep = 60;  // SGM penalty for a larger step
 
@@ -22,20 +23,6 @@ struct Volume {
   std::vector<std::uint8_t> cost;
   std::size_t at(int x, int y) const { return (std::size_t(y) * region.width + x) * planes; }
 };
-
-// Image statistics in the window around each pixel.
-struct Local {
-  cv::Mat mean, variance;
-};
-
-Local local_statistics(const cv::Mat& grey, int window) {
-  Local out;
-  cv::Mat square;
-  cv::blur(grey, out.mean, {window, window});
-  cv::blur(grey.mul(grey), square, {window, window});
-  out.variance = square - out.mean.mul(out.mean);
-  return out;
-}
 
 // Maps pixel indices of the reference region to pixel indices of `other`, through the plane at
 // `depth` parallel to the reference image.
@@ -52,58 +39,6 @@ cv::Matx33d plane_homography(const View& reference, const View& other, cv::Point
   return k_other * m * inverse_k;
 }
 
-// Returns the cost of one plane against one other view, CV_32F in [0, 1]; -1 if not visible there.
-cv::Mat pair_cost(const SweepImage& reference, const cv::Mat& grey, const Local& local,
-                  const SweepImage& other, cv::Rect region, double depth, int window) {
-  const cv::Matx33d h = plane_homography(reference.view, other.view, region.tl(), depth);
-  const int flags = cv::INTER_LINEAR | cv::WARP_INVERSE_MAP;
-  cv::Mat warped, warped_usable;
-  cv::warpPerspective(other.grey, warped, h, region.size(), flags, cv::BORDER_REPLICATE);
-  cv::warpPerspective(other.usable, warped_usable, h, region.size(),
-                      cv::INTER_NEAREST | cv::WARP_INVERSE_MAP, cv::BORDER_CONSTANT, 0);
-  const Local theirs = local_statistics(warped, window);
-  cv::Mat product;
-  cv::blur(grey.mul(warped), product, {window, window});
-  cv::Mat cost(region.size(), CV_32F);
-  for (int y = 0; y < region.height; ++y) {
-    const float *ma = local.mean.ptr<float>(y), *va = local.variance.ptr<float>(y);
-    const float *mb = theirs.mean.ptr<float>(y), *vb = theirs.variance.ptr<float>(y);
-    const float *ab = product.ptr<float>(y), *a = grey.ptr<float>(y), *b = warped.ptr<float>(y);
-    const std::uint8_t* visible = warped_usable.ptr(y);
-    float* out = cost.ptr<float>(y);
-    for (int x = 0; x < region.width; ++x) {
-      const float covariance = ab[x] - ma[x] * mb[x];
-      const float spread =
-          (std::max(va[x], 0.0f) + kTextureFloor) * (std::max(vb[x], 0.0f) + kTextureFloor);
-      const float correlation = covariance / std::sqrt(spread);
-      const float colour = 0.5f * (std::abs(ma[x] - mb[x]) + std::abs(a[x] - b[x]));
-      const float value = (1 - kColourShare) * std::min(1.0f, 1 - correlation) +
-                          kColourShare * std::min(1.0f, colour / kColourScale);
-      out[x] = visible[x] ? std::clamp(value, 0.0f, 1.0f) : -1.0f;
-    }
-  }
-  return cost;
-}
-
-// The two smallest costs so far of each pixel, and the number of views that see it.
-struct Best {
-  cv::Mat first, second, count;  // CV_32F
-};
-
-void update_best(const cv::Mat& cost, Best* best) {
-  for (int y = 0; y < cost.rows; ++y) {
-    const float* c = cost.ptr<float>(y);
-    float *first = best->first.ptr<float>(y), *second = best->second.ptr<float>(y);
-    float* count = best->count.ptr<float>(y);
-    for (int x = 0; x < cost.cols; ++x) {
-      const float value = c[x] < 0 ? 1.0f : c[x];
-      count[x] += c[x] < 0 ? 0.0f : 1.0f;
-      second[x] = std::min(second[x], std::max(first[x], value));
-      first[x] = std::min(first[x], value);
-    }
-  }
-}
-
 double plane_depth(const SweepSettings& settings, double plane) {
   return 1.0 / (1.0 / settings.farthest + plane * plane_step(settings));
 }
@@ -111,37 +46,51 @@ double plane_depth(const SweepSettings& settings, double plane) {
 void fill_volume(const SweepImage& reference, const std::vector<const SweepImage*>& others,
                  const SweepSettings& settings, Volume* volume) {
   const cv::Rect region = volume->region;
-  const cv::Mat grey = reference.grey(region);
-  const Local local = local_statistics(grey, settings.window);
+  const cv::Mat grey = reference.grey(region).clone();
+  const geometry::SweepReference part = geometry::make_sweep_reference(
+      {grey.begin<float>(), grey.end<float>()}, region.width, region.height, settings.window);
+  geometry::PlaneCosts costs;
   for (int plane = 0; plane < volume->planes; ++plane) {
     const double depth = plane_depth(settings, plane);
-    const auto filled = [&](double v) { return cv::Mat(region.size(), CV_32F, cv::Scalar(v)); };
-    Best best{filled(1), filled(1), filled(0)};
+    geometry::reset(part, &costs);
     for (const SweepImage* other : others) {
-      update_best(pair_cost(reference, grey, local, *other, region, depth, settings.window), &best);
+      const cv::Matx33f h = plane_homography(reference.view, other->view, region.tl(), depth);
+      float row_major[9];
+      std::copy_n(h.val, 9, row_major);
+      geometry::add_source(part,
+                           {other->corners.data(),
+                            other->usable_words.empty() ? nullptr : other->usable_words.data(),
+                            other->view.width, other->view.height},
+                           row_major, &costs);
     }
     // Occluded views match worst. With three or more views the best two count, with fewer the best.
-    for (int y = 0; y < region.height; ++y) {
-      const float *first = best.first.ptr<float>(y), *second = best.second.ptr<float>(y);
-      const float* count = best.count.ptr<float>(y);
-      std::uint8_t* out = &volume->cost[volume->at(0, y) + plane];
-      for (int x = 0; x < region.width; ++x) {
-        const float cost = count[x] > 2.5f ? 0.5f * (first[x] + second[x]) : first[x];
-        out[std::size_t(x) * volume->planes] = std::uint8_t(254 * cost + 0.5f);
-      }
+    std::uint8_t* out = volume->cost.data() + plane;
+    for (std::size_t i = 0; i < costs.first.size(); ++i) {
+      const float cost =
+          costs.seen[i] > 2.5f ? 0.5f * (costs.first[i] + costs.second[i]) : costs.first[i];
+      out[i * volume->planes] = std::uint8_t(254 * cost + 0.5f);
     }
   }
 }
 
 void exclude_impossible(const View& view, const SweepSettings& settings, Volume* volume) {
   const cv::Rect region = volume->region;
+  std::vector<float> depths;
+  for (int plane = 0; plane < volume->planes; ++plane)
+    depths.push_back(float(plane_depth(settings, plane)));
+  std::vector<std::uint8_t> excluded(depths.size(), 0);
   for (int y = 0; y < region.height; ++y) {
     for (int x = 0; x < region.width; ++x) {
-      const cv::Vec3d ray = view.ray(region.x + x + 0.5, region.y + y + 0.5);
-      for (int plane = 0; plane < volume->planes; ++plane) {
-        const cv::Vec3d point = view.centre + plane_depth(settings, plane) * ray;
-        if (!settings.possible(point)) volume->cost[volume->at(x, y) + plane] = 255;
+      const cv::Point pixel = region.tl() + cv::Point(x, y);
+      std::uint8_t* cost = &volume->cost[volume->at(x, y)];
+      if (!settings.mask.empty() && settings.mask.at<std::uint8_t>(pixel) == 0) {
+        std::fill_n(cost, volume->planes, kImpossible);
+        continue;
       }
+      if (settings.exclude)
+        settings.exclude(view.centre, view.ray(pixel.x + 0.5, pixel.y + 0.5), depths, &excluded);
+      for (int plane = 0; plane < volume->planes; ++plane)
+        if (excluded[plane] != 0) cost[plane] = kImpossible;
     }
   }
 }
@@ -199,7 +148,7 @@ DepthMap read_out(const Volume& volume, const std::vector<std::uint16_t>& sum, c
       const std::uint16_t* s = &sum[volume.at(x, y)];
       const int best = int(std::min_element(s, s + n) - s);
       const std::uint8_t cost = volume.cost[volume.at(x, y) + best];
-      if (cost == 255) continue;  // impossible
+      if (cost == kImpossible) continue;
       double offset = 0;
       if (best > 0 && best + 1 < n) {
         const double curve = double(s[best - 1]) - 2.0 * s[best] + s[best + 1];
@@ -216,16 +165,19 @@ DepthMap read_out(const Volume& volume, const std::vector<std::uint16_t>& sum, c
 }  // namespace
 
 SweepImage make_sweep_image(const View& view, const cv::Mat& rgb, const cv::Mat& usable) {
-  SweepImage image{view, rgb, {}, usable};
+  SweepImage image{view, rgb, {}, usable, {}, {}};
   if (rgb.size() != view.size()) cv::resize(rgb, image.rgb, view.size(), 0, 0, cv::INTER_AREA);
   cv::Mat grey;
   cv::cvtColor(image.rgb, grey, cv::COLOR_RGB2GRAY);
   grey.convertTo(image.grey, CV_32F);
+  image.corners = geometry::corners_of(grey.data, view.width, view.height);
   if (usable.empty()) {
     image.usable = cv::Mat(view.size(), CV_8U, cv::Scalar(255));
   } else if (usable.size() != view.size()) {
     cv::resize(usable, image.usable, view.size(), 0, 0, cv::INTER_NEAREST);
   }
+  if (cv::countNonZero(image.usable) < int(image.usable.total()))
+    image.usable_words.assign(image.usable.begin<std::uint8_t>(), image.usable.end<std::uint8_t>());
   return image;
 }
 
@@ -241,7 +193,8 @@ DepthMap sweep(const SweepImage& reference, const std::vector<const SweepImage*>
   volume.planes = settings.planes;
   volume.cost.assign(std::size_t(volume.region.area()) * volume.planes, 0);
   fill_volume(reference, others, settings, &volume);
-  if (settings.possible) exclude_impossible(reference.view, settings, &volume);
+  if (settings.exclude || !settings.mask.empty())
+    exclude_impossible(reference.view, settings, &volume);
   const cv::Mat grey = reference.grey(volume.region);
   std::vector<std::uint16_t> sum(volume.cost.size(), 0);
   aggregate(volume, grey, 1, 0, &sum);

@@ -3,6 +3,7 @@
 // cost of normalised correlation and colour, smoothed by semi-global matching in four directions.
 #pragma once
 
+#include <cstdint>
 #include <functional>
 #include <opencv2/core.hpp>
 #include <vector>
@@ -17,6 +18,8 @@ struct SweepImage {
   cv::Mat rgb;     // 8-bit
   cv::Mat grey;    // CV_32F, 0..255
   cv::Mat usable;  // 8-bit, 255 = usable
+  // For the sweep: the corners of the grey values, and `usable`, which is empty if all pixels are.
+  std::vector<std::uint32_t> corners, usable_words;
 };
 // Scales the image to the size of the view. An empty `usable` marks every pixel usable.
 SweepImage make_sweep_image(const View& view, const cv::Mat& rgb, const cv::Mat& usable = {});
@@ -26,8 +29,12 @@ struct SweepSettings {
   int planes = 64;                    // 2..192
   int window = 5;                     // pixels, odd
   cv::Rect region;                    // swept part of the reference; empty: all
-  // Returns false for positions to exclude, such as those outside the visual hull. May be empty.
-  std::function<bool(const cv::Vec3d& point)> possible;
+  cv::Mat mask;                       // 8-bit, 0: no depth is wanted; empty: everywhere
+  // Sets excluded[k] to 1 for points origin + depths[k] * ray to exclude, such as those outside the
+  // visual hull, else to 0. May be empty.
+  std::function<void(const cv::Vec3d& origin, const cv::Vec3d& ray,
+                     const std::vector<float>& depths, std::vector<std::uint8_t>* excluded)>
+      exclude;
 };
 
 // Depth in scene units (0: unknown) and matching cost in [0, 1] at that depth. Both are CV_32F at

@@ -5,18 +5,18 @@
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
-#include "init/hull.h"
-
 namespace stgs::encoder::init {
 namespace {
 
 constexpr int kMinMaskPixels = 6;
+constexpr double kConfirmedSlack = 1.06, kInterpolatedSlack = 1.3;  // for errors of static depth
+constexpr double kCellPixels = 8;  // size of the cells that bound the depths, pixels of the masks
 
-// Returns the depth of the static surface at the size of the view, 0 where it was not checked.
-cv::Mat static_depth_of(const Surface& surface, const View& view) {
-  cv::Mat trusted = surface.depth.clone(), out;
-  trusted.setTo(0, surface.weight <= 0);
-  cv::resize(trusted, out, view.size(), 0, 0, cv::INTER_NEAREST);
+// Returns the depth behind which the static surface hides everything, at the size of the view.
+cv::Mat hiding_depth_of(const Surface& surface, const View& view) {
+  cv::Mat depth = kInterpolatedSlack * surface.depth, out;
+  cv::Mat(kConfirmedSlack * surface.depth).copyTo(depth, surface.weight > 0);
+  cv::resize(depth, out, view.size(), 0, 0, cv::INTER_NEAREST);
   return out;
 }
 
@@ -40,16 +40,6 @@ struct SweptView {
   double step = 0;
   cv::Mat mask;
 };
-
-Status load_silhouettes(const PreparedCapture& capture, const std::vector<View>& views,
-                        const StaticScene& scene, int frame, std::vector<Silhouette>* out) {
-  for (std::size_t i = 0; i < views.size(); ++i) {
-    STGS_ASSIGN(cv::Mat mask, load_mask_image(capture, views[i], frame));
-    if (mask.empty()) continue;
-    out->push_back(make_silhouette(views[i], mask, static_depth_of(scene.surfaces[i], views[i])));
-  }
-  return {};
-}
 
 // Returns the boxes around the components of the mask, a few pixels larger. Overlapping boxes are
 // merged.
@@ -76,11 +66,9 @@ std::vector<cv::Rect> mask_boxes(const cv::Mat& mask) {
 }
 
 SweptView sweep_view(const std::vector<SweepImage>& images, int i, const std::vector<View>& views,
-                     const cv::Mat& mask, const VisualHull& hull,
-                     const std::vector<HullCell>& cells, const cv::Vec3d& focus) {
+                     const std::vector<int>& near, const cv::Mat& mask, const DynamicHull& hull) {
   SweptView out;
   out.mask = mask;
-  const std::vector<int> near = neighbours(views, i, focus, kNeighbours);
   if (near.empty() || cv::countNonZero(mask) < kMinMaskPixels) return out;
   std::vector<const SweepImage*> others;
   others.reserve(near.size());
@@ -89,11 +77,16 @@ SweptView sweep_view(const std::vector<SweepImage>& images, int i, const std::ve
   out.map = {blank(0), blank(1)};
   for (const cv::Rect& box : mask_boxes(mask)) {
     SweepSettings settings;
-    if (!hull_range(views[i], cells, box, &settings.nearest, &settings.farthest)) continue;
+    if (!hull_range(views[i], hull.cells, box, &settings.nearest, &settings.farthest)) continue;
     settings.planes =
         plane_count(views[i], views, near, settings.nearest, settings.farthest, 8, 64);
     settings.region = box;
-    settings.possible = [&hull](const cv::Vec3d& p) { return hull.contains(p); };
+    settings.mask = mask;
+    settings.exclude = [&hull](const cv::Vec3d& origin, const cv::Vec3d& ray,
+                               const std::vector<float>& depths,
+                               std::vector<std::uint8_t>* excluded) {
+      find_outside(hull.silhouettes, origin, ray, depths, hull.nearest, excluded);
+    };
     const DepthMap part = sweep(images[i], others, settings);
     part.depth(box).copyTo(out.map.depth(box));
     part.cost(box).copyTo(out.map.cost(box));
@@ -153,53 +146,75 @@ void choose(const std::vector<Surface>& surfaces, double tolerance, int limit, D
 
 }  // namespace
 
-Status find_dynamic_points(const PreparedCapture& capture, const std::vector<View>& views,
-                           const StaticScene& scene, int frame, const DynamicSettings& settings,
-                           const Work& work, DynamicFrame* out) {
-  std::vector<Silhouette> silhouettes;
-  STGS_TRY(load_silhouettes(capture, views, scene, frame, &silhouettes));
-  std::size_t with_motion = 0;
-  for (const Silhouette& s : silhouettes) with_motion += cv::countNonZero(s.mask) > 0 ? 1 : 0;
-  if (with_motion < 2) return {};
-  // Dynamic content may be nearer than any static content.
-  const double nearest = 0.6 * scene.range.nearest;
-  const Box bounds =
-      visible_box(views, nearest, scene.range.farthest, std::min(3, int(views.size())));
-  const double side = 1.5 * scene.focus.depth / silhouettes[0].view.fx;
-  const VisualHull hull =
-      VisualHull::carve(silhouettes, bounds, nearest, {side, scene.focus.depth});
-  out->hull_cells = hull.count();
-  if (hull.empty()) return {};
-  const std::vector<HullCell> cells = hull.surface();
-
-  std::vector<SweepImage> images;
-  std::vector<View> small;
-  for (const View& view : views) {
-    small.push_back(make_view(*view.camera, settings.max_side));
-    STGS_ASSIGN(const cv::Mat rgb, load_image(capture, small.back(), frame));
-    images.push_back(make_sweep_image(small.back(), rgb));
+DynamicFinder::DynamicFinder(const PreparedCapture& capture, const std::vector<View>& views,
+                             const StaticScene& scene, const DynamicSettings& settings)
+    : capture_(capture),
+      scene_(scene),
+      settings_(settings),
+      views_(views),
+      nearest_(0.6 * scene.range.nearest),
+      bounds_(visible_box(views, nearest_, scene.range.farthest, std::min(3, int(views.size())))) {
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    backdrops_.push_back(std::make_shared<const Backdrop>(
+        make_backdrop(hiding_depth_of(scene.surfaces[i], views[i]))));
+    small_.push_back(make_view(*views[i].camera, settings.max_side));
   }
-  std::vector<SweptView> swept(small.size());
-  const std::vector<int> references = spread(small, settings.references);
-  for (const int i : references) {
+  references_ = spread(small_, settings.references);
+  for (std::size_t i = 0; i < small_.size(); ++i)
+    partners_.push_back(neighbours(small_, int(i), scene.focus.point, kNeighbours));
+}
+
+Status DynamicFinder::load_silhouettes(int frame, std::vector<Silhouette>* out) const {
+  for (std::size_t i = 0; i < views_.size(); ++i) {
+    STGS_ASSIGN(const cv::Mat mask, load_mask_image(capture_, views_[i], frame));
+    if (!mask.empty()) out->push_back(make_silhouette(views_[i], mask, backdrops_[i]));
+  }
+  return {};
+}
+
+Status DynamicFinder::sweep_references(int frame, const DynamicHull& hull, const Work& work,
+                                       DynamicFrame* out) const {
+  std::vector<bool> is_used(small_.size(), false);
+  for (const int i : references_) {
+    is_used[i] = true;
+    for (const int j : partners_[i]) is_used[j] = true;
+  }
+  std::vector<SweepImage> images(small_.size());
+  for (std::size_t i = 0; i < small_.size(); ++i) {
+    if (!is_used[i]) continue;
+    STGS_ASSIGN(const cv::Mat rgb, load_image(capture_, small_[i], frame));
+    images[i] = make_sweep_image(small_[i], rgb);
+  }
+  std::vector<SweptView> swept(small_.size());
+  for (const int i : references_) {
     STGS_TRY(work.check());
-    STGS_ASSIGN(cv::Mat mask, load_mask_image(capture, small[i], frame));
-    if (mask.empty()) continue;
-    swept[i] = sweep_view(images, i, small, mask, hull, cells, scene.focus.point);
+    STGS_ASSIGN(const cv::Mat mask, load_mask_image(capture_, small_[i], frame));
+    if (!mask.empty()) swept[i] = sweep_view(images, i, small_, partners_[i], mask, hull);
   }
   std::vector<Surface> surfaces;
   double tolerance = 0;
-  for (const int i : references) {
+  for (const int i : references_) {
     if (swept[i].map.depth.empty()) continue;
     std::vector<std::pair<const View*, const DepthMap*>> others;
-    for (const int j : references) {
-      if (j != i && !swept[j].map.depth.empty()) others.emplace_back(&small[j], &swept[j].map);
+    for (const int j : references_) {
+      if (j != i && !swept[j].map.depth.empty()) others.emplace_back(&small_[j], &swept[j].map);
     }
     surfaces.push_back(surface_of(images[i], swept[i], others));
     tolerance = std::max(tolerance, 3 * swept[i].step);
   }
-  if (!surfaces.empty()) choose(surfaces, tolerance, settings.limit, out);
+  if (!surfaces.empty()) choose(surfaces, tolerance, settings_.limit, out);
   return {};
+}
+
+Status DynamicFinder::find(int frame, const Work& work, DynamicFrame* out) const {
+  DynamicHull hull{{}, {}, nearest_};
+  STGS_TRY(load_silhouettes(frame, &hull.silhouettes));
+  std::size_t with_motion = 0;
+  for (const Silhouette& s : hull.silhouettes) with_motion += s.shows_motion() ? 1 : 0;
+  if (with_motion < 2) return {};
+  const double side = kCellPixels * scene_.focus.depth / views_[0].fx;
+  hull.cells = hull_cells(hull.silhouettes, bounds_, nearest_, {side, scene_.focus.depth});
+  return hull.cells.empty() ? Status{} : sweep_references(frame, hull, work, out);
 }
 
 }  // namespace stgs::encoder::init

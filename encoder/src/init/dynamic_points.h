@@ -2,9 +2,11 @@
 // Finds points on dynamic content, per frame: depth sweeps confined to the visual hull.
 #pragma once
 
+#include <memory>
 #include <vector>
 
 #include "init/cover.h"
+#include "init/hull.h"
 #include "init/motion.h"
 #include "init/static_points.h"
 
@@ -13,7 +15,6 @@ namespace stgs::encoder::init {
 struct DynamicFrame {
   std::vector<SurfacePoint> points;
   int checked = 0;  // points confirmed by another view
-  std::size_t hull_cells = 0;
 };
 
 struct DynamicSettings {
@@ -22,11 +23,38 @@ struct DynamicSettings {
   int max_side = 240;  // longer side of the sweeps, pixels
 };
 
-// Finds the dynamic points of one frame. `views` set the working resolution of the masks; `scene`
-// must have surfaces of the same cameras. Leaves `out` empty if fewer than two views show motion.
-// Checks `work` for cancellation between views.
-Status find_dynamic_points(const PreparedCapture& capture, const std::vector<View>& views,
-                           const StaticScene& scene, int frame, const DynamicSettings& settings,
-                           const Work& work, DynamicFrame* out);
+// The visual hull of a frame.
+struct DynamicHull {
+  std::vector<Silhouette> silhouettes;
+  std::vector<HullCell> cells;  // cover it
+  double nearest = 0;           // nothing is nearer to a view
+};
+
+class DynamicFinder {
+ public:
+  // `views` set the working resolution of the masks; `scene` has surfaces of the same cameras.
+  // Keeps references to the capture and the scene.
+  DynamicFinder(const PreparedCapture& capture, const std::vector<View>& views,
+                const StaticScene& scene, const DynamicSettings& settings);
+
+  // Finds the points of one frame. Leaves `out` empty if fewer than two views show motion. Checks
+  // `work` for cancellation between views. Thread-safe.
+  Status find(int frame, const Work& work, DynamicFrame* out) const;
+
+ private:
+  Status load_silhouettes(int frame, std::vector<Silhouette>* out) const;
+  Status sweep_references(int frame, const DynamicHull& hull, const Work& work,
+                          DynamicFrame* out) const;
+
+  const PreparedCapture& capture_;
+  const StaticScene& scene_;
+  DynamicSettings settings_;
+  std::vector<View> views_, small_;  // of the masks and of the sweeps
+  std::vector<std::shared_ptr<const Backdrop>> backdrops_;
+  double nearest_ = 0;  // dynamic content may be nearer than any static content
+  Box bounds_;          // where content can be
+  std::vector<int> references_;
+  std::vector<std::vector<int>> partners_;  // of each small view
+};
 
 }  // namespace stgs::encoder::init

@@ -1,26 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// Visual hull of the dynamic content of one frame.
+// Visual hull of the dynamic content of one frame. A point belongs to it if it is inside the mask
+//   - in at least three of the views that see it (two if there are only two views), and
+//   - in nearly all of them (about one miss in eight is allowed).
 #pragma once
 
-#include <array>
-#include <cstddef>
 #include <cstdint>
 #include <opencv2/core.hpp>
 #include <vector>
 
+#include "init/silhouette.h"
 #include "init/view.h"
 
 namespace stgs::encoder::init {
-
-// Silhouette of the dynamic content in one view.
-struct Silhouette {
-  View view;
-  cv::Mat mask;      // 8-bit, 255: moving
-  cv::Mat integral;  // CV_32S integral image of mask / 255, one pixel larger each way
-  cv::Mat behind;    // CV_32F depth of the static scene, 0 where not checked; may be empty
-};
-// Builds the integral image of the mask.
-Silhouette make_silhouette(const View& view, const cv::Mat& mask, const cv::Mat& behind);
 
 // An axis-aligned box in scene units.
 struct Box {
@@ -28,10 +19,9 @@ struct Box {
   bool empty() const { return !(low[0] < high[0] && low[1] < high[1] && low[2] < high[2]); }
 };
 
-// A cube of the hull.
 struct HullCell {
   cv::Vec3d centre;
-  double side = 0;  // scene units
+  double side = 0;  // of a cube, scene units
 };
 
 struct HullResolution {
@@ -39,36 +29,19 @@ struct HullResolution {
   double depth = 0;  // distance from the nearest view from which on cells grow with the distance
 };
 
-// An octree of cells. A cell belongs to the hull if its centre is inside the mask
-//   - in at least three of the views that see it (two if there are only two views), and
-//   - in nearly all of them (about one miss in eight is allowed).
-// A view does not see a cell that lies behind its static surface.
-class VisualHull {
- public:
-  // Carves `bounds`, without anything nearer than `nearest` to a view. Cells are larger than
-  // requested if there would be more than two million, or more than 30 million to examine.
-  static VisualHull carve(const std::vector<Silhouette>& silhouettes, const Box& bounds,
-                          double nearest, HullResolution resolution);
+// Nothing nearer than `nearest` to a view is in the hull.
+bool is_in_hull(const std::vector<Silhouette>& silhouettes, const cv::Vec3d& point, double nearest);
 
-  bool empty() const { return count_ == 0; }
-  std::size_t count() const { return count_; }  // number of cells
-  bool contains(const cv::Vec3d& p) const;
-  // Returns the cells that have a neighbour outside the hull.
-  std::vector<HullCell> surface() const;
+// Sets outside[k] to 1 for each point origin + depths[k] * ray that is not in the hull, else to 0.
+void find_outside(const std::vector<Silhouette>& silhouettes, const cv::Vec3d& origin,
+                  const cv::Vec3d& ray, const std::vector<float>& depths, double nearest,
+                  std::vector<std::uint8_t>* outside);
 
- private:
-  // The eight parts of a cube, each the index of a node, or one of the two constants below.
-  using Node = std::array<std::int32_t, 8>;
-  static constexpr std::int32_t kOutside = -1, kInside = -2;
-
-  class Carver;
-  void collect(std::int32_t node, const HullCell& cube, std::vector<HullCell>* out) const;
-
-  std::vector<Node> nodes_;
-  std::int32_t root_ = kOutside;
-  HullCell cube_;  // of the root
-  std::size_t count_ = 0;
-};
+// Returns the cells within `bounds` whose centre, or the centre of one of their eight parts, is in
+// the hull. None for fewer than two silhouettes. Cells are larger than requested if there would be
+// more than two million, or more than 30 million to examine.
+std::vector<HullCell> hull_cells(const std::vector<Silhouette>& silhouettes, const Box& bounds,
+                                 double nearest, HullResolution resolution);
 
 // Returns the box of the points between the two depths that at least `views_needed` views see.
 // Empty if there are none.

@@ -2,6 +2,7 @@
 #include "init/image_matches.h"
 
 #include <algorithm>
+#include <numeric>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/features2d.hpp>
 #include <opencv2/imgproc.hpp>
@@ -18,11 +19,22 @@ constexpr float kRatio = 0.8f;              // of the distances of the best matc
 constexpr double kFixed = 1;                // pixels: positions that differ by less are the same
 constexpr double kInlier = 1.5;             // pixels from the line of a match
 constexpr std::size_t kMinMatches = 16;     // of a pair
+constexpr std::size_t kEnough = 200;        // of a pair: no other frame is needed
 constexpr double kMinInlierShare = 0.3;
 
-// Returns whether the best match of a feature is much better than the second one.
-bool is_clear(const std::vector<cv::DMatch>& two) {
-  return two[0].distance < kRatio * two[1].distance;
+// The nearest descriptors of one to others.
+struct Nearest {
+  int index = -1;
+  float first = 1e30f, second = 1e30f;  // squared distances
+
+  bool is_clear() const { return index >= 0 && first < kRatio * kRatio * second; }
+};
+
+// Returns the squared length of each row.
+std::vector<float> squared_lengths(const cv::Mat& rows) {
+  std::vector<float> out;
+  for (int i = 0; i < rows.rows; ++i) out.push_back(float(rows.row(i).dot(rows.row(i))));
+  return out;
 }
 
 // Returns whether a match is there already, from another frame.
@@ -66,35 +78,52 @@ void keep_consistent(PairMatches* pair) {
 Features find_features(const cv::Mat& image, std::size_t limit) {
   cv::Mat grey;
   cv::cvtColor(image, grey, cv::COLOR_RGB2GRAY);
-  const cv::Ptr<cv::SIFT> sift = cv::SIFT::create(int(limit), 3, kContrast);
   std::vector<cv::KeyPoint> points;
-  sift->detect(grey, points);
-  std::stable_sort(points.begin(), points.end(), [](const cv::KeyPoint& a, const cv::KeyPoint& b) {
-    return a.response > b.response;
-  });
-  if (points.size() > limit) points.resize(limit);  // it keeps all of equal contrast
+  cv::Mat descriptors;
+  cv::SIFT::create(int(limit), 3, kContrast)->detectAndCompute(grey, {}, points, descriptors);
+  std::vector<int> order(points.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::stable_sort(order.begin(), order.end(),
+                   [&](int a, int b) { return points[a].response > points[b].response; });
+  if (order.size() > limit) order.resize(limit);  // it keeps all of equal contrast
   Features out;
-  sift->compute(grey, points, out.descriptors);
-  for (const cv::KeyPoint& point : points)
-    out.points.emplace_back(point.pt.x + 0.5, point.pt.y + 0.5);
+  for (const int i : order) {
+    out.points.emplace_back(points[i].pt.x + 0.5, points[i].pt.y + 0.5);
+    out.descriptors.push_back(descriptors.row(i));
+  }
   return out;
 }
 
 std::vector<std::pair<int, int>> match_features(const Features& a, const Features& b) {
   std::vector<std::pair<int, int>> out;
   if (a.points.size() < 2 || b.points.size() < 2) return out;
-  const cv::BFMatcher matcher(cv::NORM_L2);
-  std::vector<std::vector<cv::DMatch>> found, back;
-  matcher.knnMatch(a.descriptors, b.descriptors, found, 2);
-  std::erase_if(found, [](const auto& two) { return !is_clear(two); });
-  cv::Mat candidates;  // the descriptors of the matches in b
-  for (const auto& m : found) candidates.push_back(b.descriptors.row(m[0].trainIdx));
-  if (candidates.empty()) return out;
-  matcher.knnMatch(candidates, a.descriptors, back, 2);
-  for (std::size_t i = 0; i < found.size(); ++i) {
-    const cv::DMatch& m = found[i][0];
-    if (back[i][0].trainIdx == m.queryIdx && is_clear(back[i]))
-      out.emplace_back(m.queryIdx, m.trainIdx);
+  // Squared distances from one product of matrices, which both directions share.
+  cv::Mat products;
+  cv::gemm(a.descriptors, b.descriptors, -2, cv::Mat(), 0, products, cv::GEMM_2_T);
+  const std::vector<float> of_a = squared_lengths(a.descriptors),
+                           of_b = squared_lengths(b.descriptors);
+  std::vector<Nearest> to_b(of_a.size()), to_a(of_b.size());
+  const auto take = [](Nearest& nearest, int index, float squared) {
+    if (squared < nearest.first) {
+      nearest.second = nearest.first;
+      nearest.first = squared;
+      nearest.index = index;
+    } else if (squared < nearest.second) {
+      nearest.second = squared;
+    }
+  };
+  for (int i = 0; i < products.rows; ++i) {
+    const float* row = products.ptr<float>(i);
+    for (int j = 0; j < products.cols; ++j) {
+      const float squared = std::max(0.0f, of_a[i] + of_b[j] + row[j]);
+      take(to_b[i], j, squared);
+      take(to_a[j], i, squared);
+    }
+  }
+  for (int i = 0; i < products.rows; ++i) {
+    const Nearest& best = to_b[i];
+    if (best.is_clear() && to_a[best.index].index == i && to_a[best.index].is_clear())
+      out.emplace_back(i, best.index);
   }
   return out;
 }
@@ -134,15 +163,20 @@ Status find_matches(const PreparedCapture& capture, const std::vector<View>& vie
   out->clear();
   for (const auto& [a, b] : likely_pairs(views)) out->push_back({a, b, {}, {}});
   std::vector<Features> features(views.size());
+  const auto is_open = [&](const PairMatches& pair) { return pair.in_a.size() < kEnough; };
   for (const int frame : frames) {
+    std::vector<bool> is_needed(views.size(), false);
+    for (const PairMatches& pair : *out)
+      if (is_open(pair)) is_needed[pair.a] = is_needed[pair.b] = true;
     STGS_TRY(work.for_each(int(views.size()), [&](int i) -> Status {
+      if (!is_needed[i]) return {};
       STGS_ASSIGN(const cv::Mat image, load_image(capture, views[i], frame));
       features[i] = find_features(image, kMaxFeatures);
       return {};
     }));
     STGS_TRY(work.for_each(int(out->size()), [&](int i) -> Status {
       PairMatches& pair = (*out)[i];
-      add_matches(features[pair.a], features[pair.b], &pair);
+      if (is_open(pair)) add_matches(features[pair.a], features[pair.b], &pair);
       return {};
     }));
   }

@@ -231,9 +231,9 @@ Status find_dynamic(State& state) {
   DynamicSettings settings;
   settings.limit = dynamic_limit(state);
   state.frames.resize(state.capture.frames);
+  const DynamicFinder finder(state.capture, state.agreeing, state.scene, settings);
   STGS_TRY(state.work.for_each(state.capture.frames, [&](int frame) {
-    return find_dynamic_points(state.capture, state.agreeing, state.scene, frame, settings,
-                               state.work, &state.frames[frame]);
+    return finder.find(frame, state.work, &state.frames[frame]);
   }));
   std::size_t points = 0, checked = 0;
   for (const DynamicFrame& frame : state.frames) {
@@ -246,9 +246,16 @@ Status find_dynamic(State& state) {
 }
 
 Status find_velocities(State& state) {
-  VelocityInput input{state.capture, state.agreeing, state.agreeing_motion, state.frames};
+  VelocityInput input{state.capture, state.agreeing, state.agreeing_motion, state.frames, 0, {}};
   // Upper bound of a plausible velocity: 1/15 of the image width at the focus.
   input.reach = state.scene.focus.depth * state.views[0].width / state.views[0].fx / 15;
+  input.find_flow = [&state](const std::vector<int>& frames) {
+    return state.work.for_each(int(frames.size() * state.agreeing.size()), [&](int i) {
+      const std::size_t view = std::size_t(i) / frames.size();
+      return find_frame_flow(state.capture, state.agreeing[view], state.settings,
+                             frames[std::size_t(i) % frames.size()], &state.agreeing_motion[view]);
+    });
+  };
   return choose_velocities(input, state.work, &state.velocities);
 }
 

@@ -255,6 +255,78 @@ Result<Background> find_background(const PreparedCapture& capture, const View& v
   return median_of(samples, masks);
 }
 
+// The flow of one camera, given or found.
+class FlowFinder {
+ public:
+  FlowFinder(const PreparedCapture& capture, const View& view, const InitSettings& settings)
+      : capture_(capture), view_(view), settings_(settings) {
+    if (std::max(view.width, view.height) <= 320) dis_->setFinestScale(0);
+  }
+
+  // Returns the flow from a frame to the next.
+  Result<cv::Mat> find(int frame, const cv::Mat& image, const cv::Mat& next) {
+    STGS_ASSIGN(cv::Mat flow, given_flow(capture_, view_, settings_, frame));
+    return flow.empty() ? checked_flow(*dis_, grey_of(image), grey_of(next)) : flow;
+  }
+
+ private:
+  const PreparedCapture& capture_;
+  const View& view_;
+  const InitSettings& settings_;
+  cv::Ptr<cv::DISOpticalFlow> dis_ = cv::DISOpticalFlow::create(cv::DISOpticalFlow::PRESET_MEDIUM);
+};
+
+// Returns a given mask; without one nothing moves.
+Result<cv::Mat> mask_of(const PreparedCapture& capture, const View& view, int frame) {
+  STGS_ASSIGN(cv::Mat mask, load_mask_image(capture, view, frame));
+  if (mask.empty()) mask = cv::Mat(view.size(), CV_8U, cv::Scalar(0));
+  return mask;
+}
+
+float share_of(const cv::Mat& mask) {
+  return float(cv::countNonZero(mask)) / float(mask.total());
+}
+
+Status measure_coverage(const PreparedCapture& capture, const View& view, const Work& work,
+                        ViewMotion* motion) {
+  for (int frame = 0; frame < capture.frames; ++frame) {
+    STGS_TRY(work.check());
+    STGS_ASSIGN(const cv::Mat mask, mask_of(capture, view, frame));
+    motion->coverage[frame] = share_of(mask);
+  }
+  return {};
+}
+
+Status write_masks(const PreparedCapture& capture, const View& view, const InitSettings& settings,
+                   const Background& background, const Work& work, ViewMotion* motion) {
+  const cv::Mat threshold = change_threshold(background.colour, background.noise);
+  FlowFinder finder(capture, view, settings);
+  STGS_ASSIGN(cv::Mat image, load_image(capture, view, 0));
+  cv::Mat arriving(view.size(), CV_8U, cv::Scalar(0));  // moving by the flow into this frame
+  for (int frame = 0; frame < capture.frames; ++frame) {
+    STGS_TRY(work.check());
+    cv::Mat next, flow, leaving(view.size(), CV_8U, cv::Scalar(0));
+    if (frame + 1 < capture.frames) {
+      STGS_ASSIGN(next, load_image(capture, view, frame + 1));
+      STGS_ASSIGN(flow, finder.find(frame, image, next));
+      leaving = moving_by_flow(flow);
+    }
+    cv::Mat change;
+    difference(image, background.colour).convertTo(change, CV_32F);
+    const cv::Mat flowing = leaving | arriving;
+    const cv::Mat weak = (change > threshold) | (flowing & (change > 0.5 * threshold));
+    const cv::Mat strong = (change > 2.0 * threshold) | (flowing & weak);
+    const cv::Mat mask = clean(weak, strong);
+    STGS_TRY(write_mask(capture, view, frame, mask));
+    motion->coverage[frame] = share_of(mask);
+    motion->flow[frame] = pack_flow(flow, mask);
+    motion->has_flow[frame] = 1;
+    arriving = leaving;
+    image = next;
+  }
+  return {};
+}
+
 }  // namespace
 
 bool FlowPatch::at(double u, double v, cv::Vec2d* flow) const {
@@ -275,6 +347,7 @@ Status find_motion(const PreparedCapture& capture, const View& view, const InitS
   motion->background = background.colour;
   motion->background_valid = background.valid;
   motion->flow.resize(capture.frames);
+  motion->has_flow.assign(capture.frames, 0);
   motion->coverage.assign(capture.frames, 0);
   if (!motion->given_masks) {
     std::error_code error;
@@ -282,37 +355,23 @@ Status find_motion(const PreparedCapture& capture, const View& view, const InitS
     if (error)
       return io_error("{}/masks: cannot create the folder: {}", capture.folder, error.message());
   }
-  const cv::Mat threshold = change_threshold(background.colour, background.noise);
-  const auto dis = cv::DISOpticalFlow::create(cv::DISOpticalFlow::PRESET_MEDIUM);
-  if (std::max(view.width, view.height) <= 320) dis->setFinestScale(0);
-  STGS_ASSIGN(cv::Mat image, load_image(capture, view, 0));
-  cv::Mat arriving(view.size(), CV_8U, cv::Scalar(0));  // moving by the flow into this frame
-  for (int frame = 0; frame < capture.frames; ++frame) {
-    STGS_TRY(work.check());
-    cv::Mat next, flow, leaving(view.size(), CV_8U, cv::Scalar(0)), mask;
-    if (frame + 1 < capture.frames) {
-      STGS_ASSIGN(next, load_image(capture, view, frame + 1));
-      STGS_ASSIGN(flow, given_flow(capture, view, settings, frame));
-      if (flow.empty()) flow = checked_flow(*dis, grey_of(image), grey_of(next));
-      leaving = moving_by_flow(flow);
-    }
-    if (motion->given_masks) {
-      STGS_ASSIGN(mask, load_mask_image(capture, view, frame));
-      if (mask.empty()) mask = cv::Mat(view.size(), CV_8U, cv::Scalar(0));
-    } else {
-      cv::Mat change;
-      difference(image, background.colour).convertTo(change, CV_32F);
-      const cv::Mat flowing = leaving | arriving;
-      const cv::Mat weak = (change > threshold) | (flowing & (change > 0.5 * threshold));
-      const cv::Mat strong = (change > 2.0 * threshold) | (flowing & weak);
-      mask = clean(weak, strong);
-      STGS_TRY(write_mask(capture, view, frame, mask));
-    }
-    motion->coverage[frame] = float(cv::countNonZero(mask)) / float(mask.total());
-    motion->flow[frame] = pack_flow(flow, mask);
-    arriving = leaving;
-    image = next;
-  }
+  if (!motion->given_masks) return write_masks(capture, view, settings, background, work, motion);
+  STGS_TRY(measure_coverage(capture, view, work, motion));
+  // Given flow is read at once, so that missing files are reported.
+  for (int frame = 0; frame + 1 < capture.frames && !settings.flow_folder.empty(); ++frame)
+    STGS_TRY(find_frame_flow(capture, view, settings, frame, motion));
+  return {};
+}
+
+Status find_frame_flow(const PreparedCapture& capture, const View& view,
+                       const InitSettings& settings, int frame, ViewMotion* motion) {
+  if (motion->has_flow[frame] != 0) return {};
+  STGS_ASSIGN(const cv::Mat image, load_image(capture, view, frame));
+  STGS_ASSIGN(const cv::Mat next, load_image(capture, view, frame + 1));
+  STGS_ASSIGN(const cv::Mat mask, mask_of(capture, view, frame));
+  STGS_ASSIGN(const cv::Mat flow, FlowFinder(capture, view, settings).find(frame, image, next));
+  motion->flow[frame] = pack_flow(flow, mask);
+  motion->has_flow[frame] = 1;
   return {};
 }
 

@@ -2,6 +2,7 @@
 // Detects dynamic content: median backgrounds, optical flow and motion masks.
 #pragma once
 
+#include <cstdint>
 #include <opencv2/core.hpp>
 #include <vector>
 
@@ -29,8 +30,9 @@ struct ViewMotion {
   cv::Mat background;        // 8-bit RGB, temporal median of the static content
   cv::Mat background_valid;  // 8-bit, 255 where the background is known
   bool given_masks = false;
-  std::vector<FlowPatch> flow;  // per frame; the last is empty
-  std::vector<float> coverage;  // fraction of masked pixels, per frame
+  std::vector<FlowPatch> flow;         // per frame; the last is empty
+  std::vector<std::uint8_t> has_flow;  // per frame, whether `flow` was found
+  std::vector<float> coverage;         // fraction of masked pixels, per frame
 };
 
 // Detects the motion of one camera. Writes the masks of all frames to the prepared capture if it
@@ -38,6 +40,11 @@ struct ViewMotion {
 // between frames.
 Status find_motion(const PreparedCapture& capture, const View& view, const InitSettings& settings,
                    const Work& work, ViewMotion* motion);
+
+// Finds the flow from a frame to the next, unless it was found. Detecting the motion of a camera
+// with given masks leaves it out, because it takes long and only velocities use it.
+Status find_frame_flow(const PreparedCapture& capture, const View& view,
+                       const InitSettings& settings, int frame, ViewMotion* motion);
 
 // Returns the path FOLDER/CAMERA/NNNNNN.flo, where NNNNNN is the source frame, counted from 0.
 // `folder` lies in the capture of `files`. Empty if it has no folder of the camera. kIo if only the

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <memory>
 #include <nanoflann.hpp>
-#include <utility>
+#include <numeric>
 
 namespace stgs::encoder::init {
 namespace {
@@ -251,28 +251,22 @@ Result<MotionFit> measure_motion(const PreparedCapture& capture, const std::vect
 
 namespace {
 
-struct Estimates {
-  Velocities matched, flowed;
-};
-
-Estimates estimates_of(const VelocityInput& input, int frame) {
+Velocities matched_of(const VelocityInput& input, int frame) {
   const int last = input.capture.frames - 1;
   const std::vector<SurfacePoint>& points = input.frames[frame].points;
-  Estimates out;
-  if (last == 0 || points.empty()) {
-    out.matched.assign(points.size(), cv::Vec3d(0, 0, 0));
-    out.flowed = out.matched;
-    return out;
-  }
+  if (last == 0 || points.empty()) return Velocities(points.size(), cv::Vec3d(0, 0, 0));
   const int other = frame < last ? frame + 1 : frame - 1;
-  out.matched =
+  const Velocities found =
       match_velocities(points, input.frames[other].points, input.reach, frame < last ? 1 : -1);
-  if (frame < last) {
-    out.flowed = flow_velocities(points, input.views, input.motion, frame, input.reach);
-    out.flowed = fill_unknown(out.flowed, out.matched);
-  }
-  out.matched = fill_unknown(out.matched, out.matched);
-  return out;
+  return fill_unknown(found, found);
+}
+
+// Of a frame with flow. `matched` replaces unknown velocities.
+Velocities flowed_of(const VelocityInput& input, int frame, const Velocities& matched) {
+  const std::vector<SurfacePoint>& points = input.frames[frame].points;
+  if (points.empty()) return {};
+  return fill_unknown(flow_velocities(points, input.views, input.motion, frame, input.reach),
+                      matched);
 }
 
 struct Residuals {
@@ -280,25 +274,29 @@ struct Residuals {
   bool measured = false;
 };
 
-Result<Residuals> residuals_of(const VelocityInput& input, const Estimates& estimates, int frame) {
+Result<Residuals> residuals_of(const VelocityInput& input, const Velocities& matched, int frame) {
   const std::vector<SurfacePoint>& points = input.frames[frame].points;
   const auto fit = [&](const Velocities& velocities) {
     return measure_motion(input.capture, input.views, points, velocities, frame + 1);
   };
   STGS_ASSIGN(const MotionFit zero, fit(Velocities(points.size(), cv::Vec3d(0, 0, 0))));
-  STGS_ASSIGN(const MotionFit matched, fit(estimates.matched));
-  STGS_ASSIGN(const MotionFit flowed, fit(estimates.flowed));
-  return Residuals{zero.residual(), matched.residual(), flowed.residual(), zero.samples > 0};
+  STGS_ASSIGN(const MotionFit by_match, fit(matched));
+  STGS_ASSIGN(const MotionFit by_flow, fit(flowed_of(input, frame, matched)));
+  return Residuals{zero.residual(), by_match.residual(), by_flow.residual(), zero.samples > 0};
 }
 
 // Returns the mean over some frames.
-Result<Residuals> mean_residuals(const VelocityInput& input,
-                                 const std::vector<Estimates>& estimates, Work& work) {
-  const int frames = input.capture.frames, count = std::min(frames - 1, kMeasuredFrames);
-  std::vector<Residuals> found(std::max(0, count));
+Result<Residuals> mean_residuals(const VelocityInput& input, const std::vector<Velocities>& matched,
+                                 Work& work) {
+  const int frames = input.capture.frames,
+            count = std::max(0, std::min(frames - 1, kMeasuredFrames));
+  std::vector<int> measured;
+  for (int i = 0; i < count; ++i)
+    measured.push_back(count == 1 ? 0 : i * (frames - 2) / (count - 1));
+  STGS_TRY(input.find_flow(measured));
+  std::vector<Residuals> found(measured.size());
   STGS_TRY(work.for_each(count, [&](int i) -> Status {
-    const int frame = count == 1 ? 0 : i * (frames - 2) / (count - 1);
-    STGS_ASSIGN(found[i], residuals_of(input, estimates[frame], frame));
+    STGS_ASSIGN(found[i], residuals_of(input, matched[measured[i]], measured[i]));
     return {};
   }));
   Residuals mean;
@@ -312,28 +310,37 @@ Result<Residuals> mean_residuals(const VelocityInput& input,
   return mean;
 }
 
+// Replaces velocities by those from flow.
+Status take_flow(const VelocityInput& input, Work& work, std::vector<Velocities>* velocities) {
+  const int last = input.capture.frames - 1;
+  std::vector<int> frames(last);
+  std::iota(frames.begin(), frames.end(), 0);
+  STGS_TRY(input.find_flow(frames));
+  STGS_TRY(work.for_each(last, [&](int frame) -> Status {
+    (*velocities)[frame] = flowed_of(input, frame, (*velocities)[frame]);
+    return {};
+  }));
+  (*velocities)[last] =
+      propagate_velocities(input.frames[last], input.frames[last - 1], (*velocities)[last - 1]);
+  return {};
+}
+
 }  // namespace
 
 Status choose_velocities(const VelocityInput& input, Work& work, ChosenVelocities* out) {
-  const int frames = input.capture.frames;
-  work.stage("velocities", frames > 1 ? 2 : 1);
-  std::vector<Estimates> estimates(frames);
-  STGS_TRY(work.for_each(frames, [&](int frame) -> Status {
-    estimates[frame] = estimates_of(input, frame);
+  work.stage("velocities", input.capture.frames > 1 ? 5 : 1);
+  out->frames.resize(input.capture.frames);
+  STGS_TRY(work.for_each(input.capture.frames, [&](int frame) -> Status {
+    out->frames[frame] = matched_of(input, frame);
     return {};
   }));
-  if (frames > 1) {
-    estimates[frames - 1].flowed = propagate_velocities(
-        input.frames[frames - 1], input.frames[frames - 2], estimates[frames - 2].flowed);
-  }
-  STGS_ASSIGN(const Residuals mean, mean_residuals(input, estimates, work));
-  const bool flow_wins = mean.flowed < mean.matched;
-  for (Estimates& one : estimates)
-    out->frames.push_back(std::move(flow_wins ? one.flowed : one.matched));
+  STGS_ASSIGN(const Residuals mean, mean_residuals(input, out->frames, work));
   if (!mean.measured) {
     work.log("velocities: not measured (no dynamic points in the sampled frames)");
     return {};
   }
+  const bool flow_wins = mean.flowed < mean.matched;
+  if (flow_wins) STGS_TRY(take_flow(input, work, &out->frames));
   out->kind = flow_wins ? "lifted flow" : "nearest neighbours";
   work.log(
       fmt::format("velocities: {} (residual in the next frame: zero velocity {:.2f}, nearest "

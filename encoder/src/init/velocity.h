@@ -3,6 +3,7 @@
 // method of the paper), and optical flow of several views lifted to 3D. A measurement selects one.
 #pragma once
 
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -53,6 +54,8 @@ struct VelocityInput {
   const std::vector<ViewMotion>& motion;  // per view
   const std::vector<DynamicFrame>& frames;
   double reach = 0;  // upper bound, scene units per frame
+  // Makes sure that `motion` has the flow of these frames, for all views.
+  std::function<Status(const std::vector<int>& frames)> find_flow;
 };
 
 struct ChosenVelocities {
@@ -60,7 +63,7 @@ struct ChosenVelocities {
   std::string kind = "none";       // the estimate, for logs
 };
 
-// Computes both estimates in all frames and chooses the one that agrees better with the next
+// Computes both estimates in some frames and chooses the one that agrees better with the next
 // frames, in a stage of `work`. The last frame uses the frame before it.
 Status choose_velocities(const VelocityInput& input, Work& work, ChosenVelocities* out);
 

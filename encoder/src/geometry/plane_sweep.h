@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+// Matching costs of a plane sweep, with vectors over the pixels of a row: normalised correlation of
+// square windows, and their difference of colour.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+namespace stgs::encoder::geometry {
+
+// The swept part of an image. Windows continue beyond its border with the values on it.
+struct SweepReference {
+  int width = 0, height = 0;
+  int window = 1;                           // side, pixels, odd
+  std::vector<float> grey, mean, variance;  // width x height; the latter two of the windows
+};
+// Computes the statistics of the windows of `grey`, width x height.
+SweepReference make_sweep_reference(std::vector<float> grey, int width, int height, int window);
+
+// An image to compare with. `corners`: see StereoImage.
+struct SweepSource {
+  const std::uint32_t* corners;  // width x height
+  const std::uint32_t* usable;   // width x height, 0: unusable; null: all pixels are usable
+  int width, height;
+};
+
+// The costs of one plane against the sources so far, in [0, 1], 1 where none sees the pixel.
+struct PlaneCosts {
+  std::vector<float> first, second;  // the two smallest; width x height of the reference
+  std::vector<float> seen;           // the number of sources that see the pixel
+};
+// Sets the costs to those without a source.
+void reset(const SweepReference& reference, PlaneCosts* costs);
+
+// Adds a source. `h`: row-major homography from the indices of the reference's pixels to the
+// source's.
+void add_source(const SweepReference& reference, const SweepSource& source, const float (&h)[9],
+                PlaneCosts* costs);
+
+}  // namespace stgs::encoder::geometry

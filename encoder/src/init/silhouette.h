@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: Apache-2.0
+// The outline of the dynamic content in one view, and its relation to points and balls.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <opencv2/core.hpp>
+#include <vector>
+
+#include "init/view.h"
+
+namespace stgs::encoder::init {
+
+// The static surface of a view, which hides what lies behind it.
+struct Backdrop {
+  // Level k holds a bound of the depths of blocks of 2^k pixels, CV_32F: the least known one, and
+  // the greatest one. Unknown depth is a large value.
+  std::vector<cv::Mat> nearest, farthest;
+};
+// `depth`: CV_32F, scene units; what is farther is hidden; 0: unknown.
+Backdrop make_backdrop(const cv::Mat& depth);
+
+struct Silhouette {
+  View view;
+  cv::Mat hiding;    // see geometry::VotingView; CV_32F
+  cv::Mat integral;  // CV_32S integral image of the moving pixels, one pixel larger each way
+  std::shared_ptr<const Backdrop> backdrop;  // at the size of the view; null: none
+
+  bool shows_motion() const { return integral.at<int>(view.height, view.width) > 0; }
+};
+// Builds the integral image of the mask.
+Silhouette make_silhouette(const View& view, const cv::Mat& mask,
+                           std::shared_ptr<const Backdrop> backdrop);
+
+// Where a view sees something: not at all (outside of the image, or behind the static surface),
+// beside the mask, or in it; kNotInside: either of the first two; kUndecided: any.
+enum class Relation : std::uint8_t { kNotVisible, kOutside, kInside, kNotInside, kUndecided };
+
+// The relation of a point, one of the first three. A point nearer than `nearest` is not visible.
+Relation relation_of_point(const Silhouette& silhouette, const cv::Vec3d& point, double nearest);
+
+// The relation that all points of a ball are known to have. Approximates the projected ball by a
+// rectangle that contains it.
+Relation relation_of_ball(const Silhouette& silhouette, const cv::Vec3d& centre, double radius,
+                          double nearest);
+
+}  // namespace stgs::encoder::init

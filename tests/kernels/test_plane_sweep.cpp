@@ -1,0 +1,120 @@
+// SPDX-License-Identifier: Apache-2.0
+// The vectorised costs of a plane sweep against a scalar version in double precision.
+#include "geometry/plane_sweep.h"
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+
+#include "catch.h"
+#include "geometry/stereo.h"
+
+using namespace stgs::encoder::geometry;
+
+namespace {
+
+struct Image {
+  int width, height;
+  std::vector<std::uint8_t> grey;
+  double at(int x, int y) const {
+    const int px = std::clamp(x, 0, width - 1), py = std::clamp(y, 0, height - 1);
+    return grey[static_cast<std::size_t>(py) * width + px];
+  }
+  double between(double u, double v) const {
+    const double x = std::clamp(u, 0.0, width - 1.0), y = std::clamp(v, 0.0, height - 1.0);
+    const int x0 = static_cast<int>(x), y0 = static_cast<int>(y);
+    const double above = at(x0, y0) + (x - x0) * (at(x0 + 1, y0) - at(x0, y0));
+    const double below = at(x0, y0 + 1) + (x - x0) * (at(x0 + 1, y0 + 1) - at(x0, y0 + 1));
+    return above + (y - y0) * (below - above);
+  }
+};
+
+Image noise(int width, int height, unsigned seed) {
+  std::mt19937 random(seed);
+  Image out{width, height, {}};
+  for (int i = 0; i < width * height; ++i)
+    out.grey.push_back(static_cast<std::uint8_t>(random() % 200));
+  return out;
+}
+
+struct Point {
+  double x, y, z;
+};
+
+Point mapped(const float (&h)[9], double x, double y) {
+  const double z = h[6] * x + h[7] * y + h[8];
+  return {(h[0] * x + h[1] * y + h[2]) / z, (h[3] * x + h[4] * y + h[5]) / z, z};
+}
+
+// The cost of a pixel, or a negative number where the source does not see it.
+double cost_of(const Image& a, const Image& b, const std::vector<std::uint32_t>& usable,
+               const float (&h)[9], int window, int x, int y) {
+  const Point centre = mapped(h, x, y);
+  const int px = static_cast<int>(std::floor(centre.x + 0.5));
+  const int py = static_cast<int>(std::floor(centre.y + 0.5));
+  if (centre.z <= 0 || px < 0 || py < 0 || px >= b.width || py >= b.height) return -1;
+  if (!usable.empty() && usable[static_cast<std::size_t>(py) * b.width + px] == 0) return -1;
+  double sa = 0, saa = 0, sb = 0, sbb = 0, sab = 0;
+  for (int dy = -window / 2; dy <= window / 2; ++dy) {
+    for (int dx = -window / 2; dx <= window / 2; ++dx) {
+      const int qx = std::clamp(x + dx, 0, a.width - 1), qy = std::clamp(y + dy, 0, a.height - 1);
+      const Point p = mapped(h, qx, qy);
+      const double va = a.at(qx, qy), vb = b.between(p.x, p.y);
+      sa += va, saa += va * va, sb += vb, sbb += vb * vb, sab += va * vb;
+    }
+  }
+  const double n = window * window;
+  const double ma = sa / n, mb = sb / n;
+  const double spread = (saa / n - ma * ma + 6) * (sbb / n - mb * mb + 6);
+  const double correlation = (sab / n - ma * mb) / std::sqrt(spread);
+  const double colour =
+      0.5 * (std::abs(ma - mb) + std::abs(a.at(x, y) - b.between(centre.x, centre.y)));
+  return std::clamp(0.65 * std::min(1.0, 1 - correlation) + 0.35 * std::min(1.0, colour / 48), 0.0,
+                    1.0);
+}
+
+}  // namespace
+
+TEST_CASE("vectors give the costs of a plane sweep", "[sweep]") {
+  const int width = GENERATE(1, 15, 16, 17, 61), window = GENERATE(1, 5);
+  const bool is_masked = GENERATE(false, true);
+  const Image a = noise(width, 13, 1), b = noise(40, 29, 2), c = noise(33, 31, 3);
+  std::vector<std::uint32_t> usable;
+  if (is_masked)
+    for (std::size_t i = 0; i < b.grey.size(); ++i) usable.push_back(i % 3 == 0 ? 0 : 255);
+  const float first[9] = {0.9f, 0.05f, -3.2f, -0.04f, 1.1f, 2.3f, 1e-3f, -2e-3f, 1.0f};
+  const float second[9] = {1.05f, 0, -1.7f, 0.02f, 0.95f, -1.4f, 0, 1e-3f, 1.0f};
+  const SweepReference reference =
+      make_sweep_reference({a.grey.begin(), a.grey.end()}, width, 13, window);
+  const std::vector<std::uint32_t> in_b = corners_of(b.grey.data(), b.width, b.height),
+                                   in_c = corners_of(c.grey.data(), c.width, c.height);
+  PlaneCosts costs;
+  reset(reference, &costs);
+  add_source(reference, {in_b.data(), is_masked ? usable.data() : nullptr, b.width, b.height},
+             first, &costs);
+  add_source(reference, {in_c.data(), nullptr, c.width, c.height}, second, &costs);
+  for (int y = 0; y < 13; ++y) {
+    for (int x = 0; x < width; ++x) {
+      const double one = cost_of(a, b, usable, first, window, x, y);
+      const double two = cost_of(a, c, {}, second, window, x, y);
+      const std::size_t at = static_cast<std::size_t>(y) * width + x;
+      const double p = one < 0 ? 1 : one, q = two < 0 ? 1 : two;
+      CHECK(costs.seen[at] == (one < 0 ? 0 : 1) + (two < 0 ? 0 : 1));
+      CHECK(costs.first[at] == Approx(std::min(p, q)).margin(1e-3));
+      CHECK(costs.second[at] == Approx(std::max(p, q)).margin(1e-3));
+    }
+  }
+}
+
+TEST_CASE("behind the source nothing is seen", "[sweep]") {
+  const Image image = noise(20, 10, 4);
+  const SweepReference reference =
+      make_sweep_reference({image.grey.begin(), image.grey.end()}, 20, 10, 5);
+  const std::vector<std::uint32_t> corners = corners_of(image.grey.data(), 20, 10);
+  const float away[9] = {-1, 0, 0, 0, -1, 0, 0, 0, -1};
+  PlaneCosts costs;
+  reset(reference, &costs);
+  add_source(reference, {corners.data(), nullptr, 20, 10}, away, &costs);
+  CHECK(std::all_of(costs.seen.begin(), costs.seen.end(), [](float seen) { return seen == 0; }));
+  CHECK(std::all_of(costs.first.begin(), costs.first.end(), [](float cost) { return cost == 1; }));
+}
