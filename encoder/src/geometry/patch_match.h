@@ -131,7 +131,7 @@ STGS_FN void start_pixel(const StereoProblem& problem, const PlaneMap& map, int 
         random_plane(problem, static_cast<float>(x) + 0.5f, static_cast<float>(y) + 0.5f, random);
   }
   Support support;
-  load_support(problem.reference, x, y, &support);
+  sums_of.load(problem.reference, x, y, &support);
   map.costs[at] = hypothesis_cost(problem, support, x, y, map.planes[at], sums_of);
 }
 
@@ -142,7 +142,7 @@ STGS_FN void update_pixel(const StereoProblem& problem, const PlaneMap& map, int
                           int iteration, std::uint64_t seed, const Sums& sums_of) {
   const std::size_t at = pixel_index(problem, x, y);
   Support support;
-  load_support(problem.reference, x, y, &support);
+  sums_of.load(problem.reference, x, y, &support);
   Search<Sums> search{problem, support, sums_of, x, y, map.planes[at], map.costs[at]};
   propagate(map, search);
   const Random random(seed + static_cast<std::uint64_t>(iteration) + 1, at, RandomPurpose::kStereo);

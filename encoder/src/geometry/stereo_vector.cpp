@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "geometry/stereo_rows.h"
 
+#include <cmath>
+
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "geometry/stereo_vector.cpp"
 #include <hwy/foreach_target.h>
@@ -21,7 +23,21 @@ constexpr int kLanes = static_cast<int>(hn::MaxLanes(Tag()));
 constexpr int kVectors = (kSupportSize + kLanes - 1) / kLanes;
 static_assert(kVectors * kLanes <= kSupportPadded);
 
-// Sums over the pixels of a support, a vector at a time.
+// The weights of a support by the difference of grey values, and by position.
+struct Weights {
+  float of_grey[256], of_place[kSupportPadded];
+
+  Weights() {
+    for (int k = 0; k < 256; ++k) of_grey[k] = std::exp(-static_cast<float>(k) / kGreySigma);
+    for (int k = 0; k < kSupportPadded; ++k) {
+      const int dx = support_offset(k % kSupportSide), dy = support_offset(k / kSupportSide);
+      of_place[k] =
+          std::exp(-static_cast<float>(dx * dx + dy * dy) / (2.0f * kSpaceSigma * kSpaceSigma));
+    }
+  }
+};
+
+// Loads a support and sums over its pixels, a vector at a time.
 class VectorSums {
  public:
   VectorSums() {
@@ -30,6 +46,46 @@ class VectorSums {
       x_[k] = padding ? 0.0f : static_cast<float>(support_offset(k % kSupportSide));
       y_[k] = padding ? 0.0f : static_cast<float>(support_offset(k / kSupportSide));
     }
+  }
+
+  // load_support().
+  void load(const StereoImage& image, int x, int y, Support* support) const {
+    static const Weights weights;
+    const Tag d;
+    const hn::RebindToSigned<Tag> di;
+    const hn::RebindToUnsigned<Tag> du;
+    const V centre = hn::Set(d, grey_at(image, x, y));
+    const auto u_at = hn::Set(di, x), v_at = hn::Set(di, y), width = hn::Set(di, image.width);
+    V sum = hn::Zero(d), mean = sum, square = sum;
+    for (int k = 0; k < kVectors * kLanes; k += kLanes) {
+      const auto u = hn::Add(u_at, hn::ConvertTo(di, hn::Load(d, x_ + k)));
+      const auto v = hn::Add(v_at, hn::ConvertTo(di, hn::Load(d, y_ + k)));
+      const auto lane = hn::Add(hn::Iota(di, 0), hn::Set(di, k));
+      auto inside = hn::And(hn::Gt(u, hn::Set(di, -1)), hn::Gt(v, hn::Set(di, -1)));
+      inside = hn::And(inside, hn::And(hn::Lt(u, width), hn::Lt(v, hn::Set(di, image.height))));
+      inside = hn::And(inside, hn::Lt(lane, hn::Set(di, kSupportSize)));
+      const auto index = hn::IfThenElseZero(inside, hn::Add(hn::Mul(v, width), u));
+      const V value = corner<0>(hn::GatherIndex(du, image.corners, index));
+      const auto difference = hn::ConvertTo(di, hn::AbsDiff(value, centre));
+      const V weight = hn::IfThenElseZero(hn::RebindMask(d, inside),
+                                          hn::Mul(hn::GatherIndex(d, weights.of_grey, difference),
+                                                  hn::LoadU(d, weights.of_place + k)));
+      const V weighted = hn::Mul(weight, value);
+      hn::StoreU(weight, d, support->weight + k);
+      hn::StoreU(weighted, d, support->weighted + k);
+      sum = hn::Add(sum, weight);
+      mean = hn::Add(mean, weighted);
+      square = hn::MulAdd(weighted, value, square);
+    }
+    const float unit = 1.0f / hn::GetLane(hn::SumOfLanes(d, sum));
+    for (int k = 0; k < kVectors * kLanes; k += kLanes) {
+      const V share = hn::Set(d, unit);
+      hn::StoreU(hn::Mul(hn::LoadU(d, support->weight + k), share), d, support->weight + k);
+      hn::StoreU(hn::Mul(hn::LoadU(d, support->weighted + k), share), d, support->weighted + k);
+    }
+    support->mean = hn::GetLane(hn::SumOfLanes(d, mean)) * unit;
+    support->variance = math::larger(
+        hn::GetLane(hn::SumOfLanes(d, square)) * unit - support->mean * support->mean, 0.0f);
   }
 
   SupportSums operator()(const StereoImage& source, const Mat3& h, const Support& support, int x,

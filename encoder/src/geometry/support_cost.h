@@ -98,8 +98,11 @@ STGS_FN bool is_seen(const StereoImage& source, const Mat3& h, float u, float v)
          y < z * static_cast<float>(source.height);
 }
 
-// Sums over the pixels of a support, one by one.
+// Loads a support and sums over its pixels, one by one.
 struct ScalarSums {
+  STGS_FN void load(const StereoImage& image, int x, int y, Support* support) const {
+    load_support(image, x, y, support);
+  }
   STGS_FN SupportSums operator()(const StereoImage& source, const Mat3& h, const Support& support,
                                  int x, int y) const {
     SupportSums sums{0.0f, 0.0f, 0.0f};

@@ -24,6 +24,7 @@ constexpr double kOnLine = 1;               // pixels
 constexpr int kMinOnLine = 24;
 constexpr double kMinRatio = 1.6;
 constexpr int kMinAgreeing = 2;
+constexpr int kClearlyOnLine = 60;  // matches of a camera that show that it is in time
 
 using Counts = std::array<int, kDelays>;
 
@@ -122,6 +123,16 @@ LateCamera find_latest(const std::vector<PairCounts>& pairs, const std::vector<i
   return found;
 }
 
+// Returns whether all cameras have many matches without a delay, and fewer with any.
+bool are_in_time(const std::vector<PairCounts>& pairs, const std::vector<int>& delays) {
+  for (int view = 0; view < static_cast<int>(delays.size()); ++view) {
+    const Counts matches = votes_of(view, pairs, delays).matches;
+    const int most = *std::max_element(matches.begin(), matches.end());
+    if (matches[kMaxDelay] < kClearlyOnLine || matches[kMaxDelay] < most) return false;
+  }
+  return true;
+}
+
 }  // namespace
 
 Status check_timing(const PreparedCapture& capture, const std::vector<View>& views,
@@ -138,9 +149,12 @@ Status check_timing(const PreparedCapture& capture, const std::vector<View>& vie
   for (const auto& [a, b] : likely_pairs(views)) {
     if (!calibration.is_outlier(a) && !calibration.is_outlier(b)) pairs.push_back({a, b, {}});
   }
-  for (const int time : times) STGS_TRY(count_pairs(capture, views, time, work, &pairs));
   // One by one, because a late camera makes its partners look early. Most are in time.
   std::vector<int> delays(views.size(), 0);
+  for (const int time : times) {
+    STGS_TRY(count_pairs(capture, views, time, work, &pairs));
+    if (are_in_time(pairs, delays)) return {};
+  }
   while (2 * (out->size() + 1) < views.size()) {
     const LateCamera late = find_latest(pairs, delays);
     if (late.frames == 0) break;
