@@ -125,7 +125,7 @@ TEST_CASE("cells far from the views are larger, and none is outside the bounds")
   CHECK(farthest >= 4 * nearest);
 }
 
-TEST_CASE("what is decided about a ball holds for its points") {
+TEST_CASE("a relation of a ball holds for its points") {
   cv::RNG random(7);
   const Silhouette silhouette = patchy(random);
   const auto within = [&](double low, double high) { return random.uniform(low, high); };

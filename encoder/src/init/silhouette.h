@@ -11,7 +11,7 @@
 
 namespace stgs::encoder::init {
 
-// The static surface of a view, which hides what lies behind it.
+// The static surface of a view, which hides everything behind it.
 struct Backdrop {
   // Level k holds a bound of the depths of blocks of 2^k pixels, CV_32F: the least known one, and
   // the greatest one. Unknown depth is a large value.
