@@ -65,6 +65,12 @@ double volume_of(const std::vector<HullCell>& cells) {
   return sum;
 }
 
+bool is_in_hull(const std::vector<Silhouette>& views, const cv::Vec3d& point, double nearest) {
+  std::vector<std::uint8_t> outside;
+  find_outside(views, point, {0, 0, 0}, {0.0f}, nearest, &outside);
+  return outside[0] == 0;
+}
+
 // Whether a point is in a cell or next to one.
 bool is_near(const std::vector<HullCell>& cells, const cv::Vec3d& point) {
   return std::any_of(cells.begin(), cells.end(), [&](const HullCell& cell) {

@@ -147,6 +147,7 @@ TEST_CASE("a camera whose calibration disagrees gives no points") {
   constexpr std::size_t kMoved = 2;
   REQUIRE_FALSE(a.cameras[kMoved].test);
   a.cameras[kMoved].translation[0] += 0.3;
+  a.cameras[kMoved].translation[2] -= 0.5;  // into the scene
   b.cameras[kMoved].test = true;
   std::string log;
   REQUIRE(
@@ -158,6 +159,8 @@ TEST_CASE("a camera whose calibration disagrees gives no points") {
     CHECK(points_of(a, name).size() > 100);
     CHECK(bytes_of(a.folder + "/" + name) == bytes_of(b.folder + "/" + name));
   }
+  CHECK(a.near_plane == b.near_plane);
+  CHECK(a.extent == b.extent);
 }
 
 TEST_CASE("minimal captures still get initial points") {

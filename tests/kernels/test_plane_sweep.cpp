@@ -7,7 +7,9 @@
 #include <random>
 
 #include "catch.h"
+#include "geometry/ray_votes.h"
 #include "geometry/stereo.h"
+#include "vector_targets.h"
 
 using namespace stgs::encoder::geometry;
 
@@ -84,26 +86,29 @@ TEST_CASE("vectors give the costs of a plane sweep", "[sweep]") {
     for (std::size_t i = 0; i < b.grey.size(); ++i) usable.push_back(i % 3 == 0 ? 0 : 255);
   const float first[9] = {0.9f, 0.05f, -3.2f, -0.04f, 1.1f, 2.3f, 1e-3f, -2e-3f, 1.0f};
   const float second[9] = {1.05f, 0, -1.7f, 0.02f, 0.95f, -1.4f, 0, 1e-3f, 1.0f};
-  const SweepReference reference =
-      make_sweep_reference({a.grey.begin(), a.grey.end()}, width, 13, window);
   const std::vector<std::uint32_t> in_b = corners_of(b.grey.data(), b.width, b.height),
                                    in_c = corners_of(c.grey.data(), c.width, c.height);
-  PlaneCosts costs;
-  reset(reference, &costs);
-  add_source(reference, {in_b.data(), is_masked ? usable.data() : nullptr, b.width, b.height},
-             first, &costs);
-  add_source(reference, {in_c.data(), nullptr, c.width, c.height}, second, &costs);
-  for (int y = 0; y < 13; ++y) {
-    for (int x = 0; x < width; ++x) {
-      const double one = cost_of(a, b, usable, first, window, x, y);
-      const double two = cost_of(a, c, {}, second, window, x, y);
-      const std::size_t at = static_cast<std::size_t>(y) * width + x;
-      const double p = one < 0 ? 1 : one, q = two < 0 ? 1 : two;
-      CHECK(costs.seen[at] == (one < 0 ? 0 : 1) + (two < 0 ? 0 : 1));
-      CHECK(costs.first[at] == Approx(std::min(p, q)).margin(1e-3));
-      CHECK(costs.second[at] == Approx(std::max(p, q)).margin(1e-3));
+  const SweepSource one{in_b.data(), is_masked ? usable.data() : nullptr, b.width, b.height};
+  const SweepSource two{in_c.data(), nullptr, c.width, c.height};
+  stgs::testing::for_each_vector_target([&] {
+    const SweepReference reference =
+        make_sweep_reference({a.grey.begin(), a.grey.end()}, width, 13, window);
+    PlaneCosts costs;
+    reset(reference, &costs);
+    add_source(reference, one, first, &costs);
+    add_source(reference, two, second, &costs);
+    for (int y = 0; y < 13; ++y) {
+      for (int x = 0; x < width; ++x) {
+        const double in_one = cost_of(a, b, usable, first, window, x, y);
+        const double in_two = cost_of(a, c, {}, second, window, x, y);
+        const std::size_t at = static_cast<std::size_t>(y) * reference.pitch + x;
+        const double p = in_one < 0 ? 1 : in_one, q = in_two < 0 ? 1 : in_two;
+        CHECK(costs.seen[at] == (in_one < 0 ? 0 : 1) + (in_two < 0 ? 0 : 1));
+        CHECK(costs.first[at] == Approx(std::min(p, q)).margin(1e-3));
+        CHECK(costs.second[at] == Approx(std::max(p, q)).margin(1e-3));
+      }
     }
-  }
+  });
 }
 
 TEST_CASE("behind the source nothing is seen", "[sweep]") {
@@ -117,4 +122,38 @@ TEST_CASE("behind the source nothing is seen", "[sweep]") {
   add_source(reference, {corners.data(), nullptr, 20, 10}, away, &costs);
   CHECK(std::all_of(costs.seen.begin(), costs.seen.end(), [](float seen) { return seen == 0; }));
   CHECK(std::all_of(costs.first.begin(), costs.first.end(), [](float cost) { return cost == 1; }));
+}
+
+TEST_CASE("vectors give the votes about the points of a ray", "[sweep]") {
+  const std::size_t count = GENERATE(0, 1, 3, 4, 5, 16, 17);
+  const int width = 24, height = 18;
+  std::mt19937 random(6);
+  std::uniform_real_distribution<float> depth(1.0f, 4.0f);
+  std::vector<float> hiding;
+  for (int i = 0; i < width * height; ++i)
+    hiding.push_back(i % 3 == 0 ? -depth(random) : depth(random));
+  const VotingView view{hiding.data(),        width,           height, 20, 21, 12, 9,
+                        {-0.4f, 0.1f, -0.2f}, {0.3f, 0.05f, 1}};
+  std::vector<float> depths;
+  for (std::size_t k = 0; k < count; ++k) depths.push_back(0.1f + 0.23f * static_cast<float>(k));
+  stgs::testing::for_each_vector_target([&] {
+    RayVotes votes(depths);
+    REQUIRE(votes.count == count);
+    for (int pass = 1; pass <= 2; ++pass) {
+      add_votes(view, 0.4f, &votes);
+      for (std::size_t k = 0; k < count; ++k) {
+        float at[3];
+        for (int i = 0; i < 3; ++i) at[i] = view.start[i] + depths[k] * view.along[i];
+        const float u = at[0] / at[2] * view.fx + view.cx, v = at[1] / at[2] * view.fy + view.cy;
+        const bool is_in_image = at[2] >= 0.4f && u >= 0 && v >= 0 &&
+                                 u < static_cast<float>(width) && v < static_cast<float>(height);
+        const float limit =
+            is_in_image ? hiding[static_cast<std::size_t>(v) * width + static_cast<std::size_t>(u)]
+                        : 0;
+        const bool is_visible = is_in_image && at[2] <= std::abs(limit);
+        CHECK(votes.inside[k] == (is_visible && limit < 0 ? static_cast<float>(pass) : 0));
+        CHECK(votes.outside[k] == (is_visible && limit >= 0 ? static_cast<float>(pass) : 0));
+      }
+    }
+  });
 }

@@ -3,19 +3,22 @@
 // square windows, and their difference of colour.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
 namespace stgs::encoder::geometry {
 
-// The swept part of an image. Windows continue beyond its border with the values on it.
+// The swept part of an image, with fewer than 2^31 pixels. Windows continue beyond its border with
+// the values on it. Rows are padded to whole vectors: pixel (x, y) is at y * pitch + x.
 struct SweepReference {
-  int width = 0, height = 0;
+  int width = 0, height = 0, pitch = 0;
   int window = 1;                           // side, pixels, odd
-  std::vector<float> grey, mean, variance;  // width x height; the latter two of the windows
+  std::vector<float> grey, mean, variance;  // the latter two of the windows
 };
-// Computes the statistics of the windows of `grey`, width x height.
-SweepReference make_sweep_reference(std::vector<float> grey, int width, int height, int window);
+// Computes the statistics of the windows of `grey`, width x height values.
+SweepReference make_sweep_reference(const std::vector<float>& grey, int width, int height,
+                                    int window);
 
 // An image to compare with. `corners`: see StereoImage.
 struct SweepSource {
@@ -24,16 +27,17 @@ struct SweepSource {
   int width, height;
 };
 
-// The costs of one plane against the sources so far, in [0, 1], 1 where none sees the pixel.
+// The costs of one plane against the sources so far, in [0, 1], in the rows of the reference.
 struct PlaneCosts {
-  std::vector<float> first, second;  // the two smallest; width x height of the reference
-  std::vector<float> seen;           // the number of sources that see the pixel
+  std::vector<float> first, second;          // the two smallest; 1 if fewer sources see the pixel
+  std::vector<float> seen;                   // the number of sources that see the pixel
+  std::vector<float> warped, visible, sums;  // of one source, while it is added
 };
 // Sets the costs to those without a source.
 void reset(const SweepReference& reference, PlaneCosts* costs);
 
-// Adds a source. `h`: row-major homography from the indices of the reference's pixels to the
-// source's.
+// Adds a source to costs after reset(). `h`: row-major homography from the indices of the
+// reference's pixels to the source's. Thread-safe for different costs.
 void add_source(const SweepReference& reference, const SweepSource& source, const float (&h)[9],
                 PlaneCosts* costs);
 

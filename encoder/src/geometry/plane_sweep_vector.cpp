@@ -23,20 +23,6 @@ constexpr float kColourShare = 0.35f;  // weight of the colour term in the cost
 
 constexpr int kLanes = static_cast<int>(hn::MaxLanes(GreyTag()));
 
-// Rows of values that vectors may read and write beyond the width, with a margin on the left.
-class Rows {
- public:
-  Rows(int width, int height, int margin)
-      : margin_(margin),
-        pitch_(width + 2 * margin + kLanes),
-        values_(static_cast<std::size_t>(pitch_) * height) {}
-  float* at(int y) { return values_.data() + static_cast<std::ptrdiff_t>(y) * pitch_ + margin_; }
-
- private:
-  int margin_, pitch_;
-  std::vector<float> values_;
-};
-
 // Repeats the values at the ends of a row in its margins.
 void extend(float* row, int width, int margin) {
   for (int k = 1; k <= margin; ++k) {
@@ -46,7 +32,7 @@ void extend(float* row, int width, int margin) {
 }
 
 // The values of a source at the pixels of a row of the reference, and 1 where they are seen.
-void warp_row(const SweepSource& source, const float (&h)[9], int width, int y, float* values,
+void warp_row(const SweepSource& source, const float (&h)[9], int pitch, int y, float* values,
               float* seen) {
   const GreyTag d;
   const hn::RebindToSigned<GreyTag> di;
@@ -55,7 +41,7 @@ void warp_row(const SweepSource& source, const float (&h)[9], int width, int y, 
   const GreyV half = hn::Set(d, 0.5f), zero = hn::Zero(d), one = hn::Set(d, 1.0f);
   const GreyV last_x = hn::Set(d, static_cast<float>(source.width) - 0.5f);
   const GreyV last_y = hn::Set(d, static_cast<float>(source.height) - 0.5f);
-  for (int x = 0; x < width; x += kLanes) {
+  for (int x = 0; x < pitch; x += kLanes) {
     const GreyV u = hn::Add(hn::Iota(d, 0), hn::Set(d, static_cast<float>(x)));
     const GreyV z = hn::MulAdd(hn::Set(d, h[6]), u, hn::Set(d, h[7] * v + h[8]));
     const GreyV unit = hn::Div(one, hn::Max(z, hn::Set(d, 1e-9f)));
@@ -65,8 +51,11 @@ void warp_row(const SweepSource& source, const float (&h)[9], int width, int y, 
     auto inside = hn::And(hn::Gt(z, zero), hn::And(hn::Ge(su, hn::Neg(half)), hn::Lt(su, last_x)));
     inside = hn::And(inside, hn::And(hn::Ge(sv, hn::Neg(half)), hn::Lt(sv, last_y)));
     if (source.usable != nullptr) {
-      const auto px = hn::ConvertTo(di, hn::IfThenElseZero(inside, hn::Add(su, half)));
-      const auto py = hn::ConvertTo(di, hn::IfThenElseZero(inside, hn::Add(sv, half)));
+      const auto nearest = [&](GreyV at, int size) {
+        const auto pixel = hn::ConvertTo(di, hn::IfThenElseZero(inside, hn::Add(at, half)));
+        return hn::Min(pixel, hn::Set(di, size - 1));  // the sum can be rounded up
+      };
+      const auto px = nearest(su, source.width), py = nearest(sv, source.height);
       const auto index = hn::Add(hn::Mul(py, hn::Set(di, source.width)), px);
       const auto usable = hn::Ne(hn::GatherIndex(du, source.usable, index), hn::Zero(du));
       inside = hn::And(inside, hn::RebindMask(d, usable));
@@ -84,39 +73,67 @@ HWY_INLINE GreyV across(const float* row, int x, int reach) {
   return sum;
 }
 
+// Rows of sums in the reference's pitch, with a margin for windows on both sides.
+class Sums {
+ public:
+  Sums(const SweepReference& reference, int count, std::vector<float>* memory)
+      : reach_(reference.window / 2),
+        pitch_(reference.pitch + 2 * reach_),
+        width_(reference.width),
+        count_(count),
+        values_(*memory) {
+    values_.resize(static_cast<std::size_t>(pitch_) * count);
+  }
+  float* row(int k) { return values_.data() + static_cast<std::ptrdiff_t>(k) * pitch_ + reach_; }
+  void extend_all() {
+    for (int k = 0; k < count_; ++k) extend(row(k), width_, reach_);
+  }
+  // The mean over the windows around the entries of row k from x on.
+  HWY_INLINE GreyV mean(int k, int x) {
+    const GreyV share =
+        hn::Set(GreyTag(), 1.0f / static_cast<float>((2 * reach_ + 1) * (2 * reach_ + 1)));
+    return hn::Mul(across(row(k), x, reach_), share);
+  }
+
+ private:
+  int reach_, pitch_, width_, count_;
+  std::vector<float>& values_;
+};
+
+// The row of an array in the reference's pitch, the nearest one if it is outside.
+template <class Values>
+auto row_of(const SweepReference& reference, Values& values, int y) {
+  const int row = std::clamp(y, 0, reference.height - 1);
+  return values.data() + static_cast<std::ptrdiff_t>(row) * reference.pitch;
+}
+
 void find_statistics(SweepReference& reference) {
   const GreyTag d;
-  const int width = reference.width, height = reference.height, reach = reference.window / 2;
-  const GreyV share = hn::Set(d, 1.0f / static_cast<float>(reference.window * reference.window));
-  Rows grey(width, height, 0), sums(width, 2, reach), out(width, 2, 0);
-  for (int y = 0; y < height; ++y)
-    std::copy_n(reference.grey.data() + static_cast<std::ptrdiff_t>(y) * width, width, grey.at(y));
-  for (int y = 0; y < height; ++y) {
-    for (int x = 0; x < width; x += kLanes) {
+  const int reach = reference.window / 2;
+  std::vector<float> memory;
+  Sums sums(reference, 2, &memory);
+  for (int y = 0; y < reference.height; ++y) {
+    for (int x = 0; x < reference.pitch; x += kLanes) {
       GreyV a = hn::Zero(d), aa = a;
       for (int k = -reach; k <= reach; ++k) {
-        const GreyV value = hn::LoadU(d, grey.at(std::clamp(y + k, 0, height - 1)) + x);
+        const GreyV value = hn::LoadU(d, row_of(reference, reference.grey, y + k) + x);
         a = hn::Add(a, value);
         aa = hn::MulAdd(value, value, aa);
       }
-      hn::StoreU(a, d, sums.at(0) + x);
-      hn::StoreU(aa, d, sums.at(1) + x);
+      hn::StoreU(a, d, sums.row(0) + x);
+      hn::StoreU(aa, d, sums.row(1) + x);
     }
-    extend(sums.at(0), width, reach);
-    extend(sums.at(1), width, reach);
-    for (int x = 0; x < width; x += kLanes) {
-      const GreyV mean = hn::Mul(across(sums.at(0), x, reach), share);
-      const GreyV square = hn::Mul(across(sums.at(1), x, reach), share);
-      hn::StoreU(mean, d, out.at(0) + x);
-      hn::StoreU(hn::Max(hn::NegMulAdd(mean, mean, square), hn::Zero(d)), d, out.at(1) + x);
+    sums.extend_all();
+    for (int x = 0; x < reference.pitch; x += kLanes) {
+      const GreyV mean = sums.mean(0, x);
+      hn::StoreU(mean, d, row_of(reference, reference.mean, y) + x);
+      hn::StoreU(hn::Max(hn::NegMulAdd(mean, mean, sums.mean(1, x)), hn::Zero(d)), d,
+                 row_of(reference, reference.variance, y) + x);
     }
-    const std::ptrdiff_t at = static_cast<std::ptrdiff_t>(y) * width;
-    std::copy_n(out.at(0), width, reference.mean.data() + at);
-    std::copy_n(out.at(1), width, reference.variance.data() + at);
   }
 }
 
-// What a cost is computed from, at the pixels of one vector.
+// Inputs of a cost, for the pixels of one vector.
 struct Windows {
   GreyV a, mean_a, variance_a;         // the reference
   GreyV b, mean_b, square_b, product;  // the source
@@ -137,68 +154,48 @@ HWY_INLINE GreyV cost_of(const Windows& w) {
   return hn::Min(hn::Max(value, hn::Zero(d)), one);
 }
 
-// Updates the costs of `count` pixels, at most a vector, with one that is valid where seen.
-HWY_INLINE void update(GreyV cost, GreyV seen, std::size_t count, float* first, float* second,
-                       float* total) {
+// Updates the two smallest costs, and the number of views, with a cost that is valid where seen.
+HWY_INLINE void update(GreyV cost, GreyV seen, float* first, float* second, float* total) {
   const GreyTag d;
   const GreyV value = hn::IfThenElse(hn::Gt(seen, hn::Zero(d)), cost, hn::Set(d, 1.0f));
-  const auto load = [&](const float* p) {
-    return count == static_cast<std::size_t>(kLanes) ? hn::LoadU(d, p)
-                                                     : hn::MaskedLoad(hn::FirstN(d, count), d, p);
-  };
-  const auto store = [&](GreyV v, float* p) {
-    if (count == static_cast<std::size_t>(kLanes)) {
-      hn::StoreU(v, d, p);
-    } else {
-      hn::BlendedStore(v, hn::FirstN(d, count), d, p);
-    }
-  };
-  const GreyV best = load(first);
-  store(hn::Min(load(second), hn::Max(best, value)), second);
-  store(hn::Min(best, value), first);
-  store(hn::Add(load(total), seen), total);
+  const GreyV best = hn::LoadU(d, first);
+  hn::StoreU(hn::Min(hn::LoadU(d, second), hn::Max(best, value)), d, second);
+  hn::StoreU(hn::Min(best, value), d, first);
+  hn::StoreU(hn::Add(hn::LoadU(d, total), seen), d, total);
 }
 
 void compare(const SweepReference& reference, const SweepSource& source, const float (&h)[9],
              PlaneCosts& costs) {
   const GreyTag d;
-  const int width = reference.width, height = reference.height, reach = reference.window / 2;
-  const GreyV share = hn::Set(d, 1.0f / static_cast<float>(reference.window * reference.window));
-  Rows warped(width, height, 0), seen(width, height, 0), grey(width, height, 0);
-  Rows sums(width, 3, reach), statistics(width, 2, 0);
-  for (int y = 0; y < height; ++y) {
-    warp_row(source, h, width, y, warped.at(y), seen.at(y));
-    std::copy_n(reference.grey.data() + static_cast<std::ptrdiff_t>(y) * width, width, grey.at(y));
-  }
-  for (int y = 0; y < height; ++y) {
-    for (int x = 0; x < width; x += kLanes) {
+  const int reach = reference.window / 2;
+  Sums sums(reference, 3, &costs.sums);
+  for (int y = 0; y < reference.height; ++y)
+    warp_row(source, h, reference.pitch, y, row_of(reference, costs.warped, y),
+             row_of(reference, costs.visible, y));
+  for (int y = 0; y < reference.height; ++y) {
+    for (int x = 0; x < reference.pitch; x += kLanes) {
       GreyV b = hn::Zero(d), bb = b, ab = b;
       for (int k = -reach; k <= reach; ++k) {
-        const int row = std::clamp(y + k, 0, height - 1);
-        const GreyV value = hn::LoadU(d, warped.at(row) + x);
+        const GreyV value = hn::LoadU(d, row_of(reference, costs.warped, y + k) + x);
         b = hn::Add(b, value);
         bb = hn::MulAdd(value, value, bb);
-        ab = hn::MulAdd(value, hn::LoadU(d, grey.at(row) + x), ab);
+        ab = hn::MulAdd(value, hn::LoadU(d, row_of(reference, reference.grey, y + k) + x), ab);
       }
-      hn::StoreU(b, d, sums.at(0) + x);
-      hn::StoreU(bb, d, sums.at(1) + x);
-      hn::StoreU(ab, d, sums.at(2) + x);
+      hn::StoreU(b, d, sums.row(0) + x);
+      hn::StoreU(bb, d, sums.row(1) + x);
+      hn::StoreU(ab, d, sums.row(2) + x);
     }
-    for (int k = 0; k < 3; ++k) extend(sums.at(k), width, reach);
-    const std::ptrdiff_t at = static_cast<std::ptrdiff_t>(y) * width;
-    std::copy_n(reference.mean.data() + at, width, statistics.at(0));
-    std::copy_n(reference.variance.data() + at, width, statistics.at(1));
-    for (int x = 0; x < width; x += kLanes) {
-      const Windows windows{hn::LoadU(d, grey.at(y) + x),
-                            hn::LoadU(d, statistics.at(0) + x),
-                            hn::LoadU(d, statistics.at(1) + x),
-                            hn::LoadU(d, warped.at(y) + x),
-                            hn::Mul(across(sums.at(0), x, reach), share),
-                            hn::Mul(across(sums.at(1), x, reach), share),
-                            hn::Mul(across(sums.at(2), x, reach), share)};
-      const auto count = static_cast<std::size_t>(std::min(kLanes, width - x));
-      update(cost_of(windows), hn::LoadU(d, seen.at(y) + x), count, costs.first.data() + at + x,
-             costs.second.data() + at + x, costs.seen.data() + at + x);
+    sums.extend_all();
+    const auto load = [&](auto& values, int x) {
+      return hn::LoadU(d, row_of(reference, values, y) + x);
+    };
+    for (int x = 0; x < reference.pitch; x += kLanes) {
+      const Windows windows{
+          load(reference.grey, x), load(reference.mean, x), load(reference.variance, x),
+          load(costs.warped, x),   sums.mean(0, x),         sums.mean(1, x),
+          sums.mean(2, x)};
+      update(cost_of(windows), load(costs.visible, x), row_of(reference, costs.first, y) + x,
+             row_of(reference, costs.second, y) + x, row_of(reference, costs.seen, y) + x);
     }
   }
 }
@@ -213,14 +210,21 @@ namespace stgs::encoder::geometry {
 HWY_EXPORT(find_statistics);
 HWY_EXPORT(compare);
 
-SweepReference make_sweep_reference(std::vector<float> grey, int width, int height, int window) {
+SweepReference make_sweep_reference(const std::vector<float>& grey, int width, int height,
+                                    int window) {
+  constexpr int kMostLanes = 16;
   SweepReference out;
   out.width = width;
   out.height = height;
+  out.pitch = (width + kMostLanes - 1) / kMostLanes * kMostLanes;
   out.window = window;
-  out.mean.resize(grey.size());
-  out.variance.resize(grey.size());
-  out.grey = std::move(grey);
+  const std::size_t size = static_cast<std::size_t>(out.pitch) * height;
+  out.grey.resize(size);
+  out.mean.resize(size);
+  out.variance.resize(size);
+  for (int y = 0; y < height; ++y)
+    std::copy_n(grey.data() + static_cast<std::ptrdiff_t>(y) * width, width,
+                out.grey.data() + static_cast<std::ptrdiff_t>(y) * out.pitch);
   HWY_DYNAMIC_DISPATCH(find_statistics)(out);
   return out;
 }
@@ -229,6 +233,8 @@ void reset(const SweepReference& reference, PlaneCosts* costs) {
   costs->first.assign(reference.grey.size(), 1.0f);
   costs->second.assign(reference.grey.size(), 1.0f);
   costs->seen.assign(reference.grey.size(), 0.0f);
+  costs->warped.resize(reference.grey.size());
+  costs->visible.resize(reference.grey.size());
 }
 
 void add_source(const SweepReference& reference, const SweepSource& source, const float (&h)[9],

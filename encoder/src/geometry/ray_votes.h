@@ -2,12 +2,13 @@
 // Votes of views about points of a ray, with vectors over the points.
 #pragma once
 
+#include <cstddef>
 #include <vector>
 
 namespace stgs::encoder::geometry {
 
-// A view of the dynamic content. `hiding`: the depth behind which each pixel sees nothing, scene
-// units, negative if the pixel shows dynamic content.
+// A view of the dynamic content. `hiding`: each pixel sees nothing beyond this depth, scene units;
+// negative if the pixel shows dynamic content.
 struct VotingView {
   const float* hiding;  // width x height
   int width, height;
@@ -15,14 +16,16 @@ struct VotingView {
   float start[3], along[3];  // the ray in the space of the camera
 };
 
-// The number of views that see each point as dynamic content, and of those that see it otherwise.
+// The votes about the points start + depths[k] * along. The arrays are padded to whole vectors.
 struct RayVotes {
-  std::vector<float> inside, outside;
+  std::size_t count = 0;                       // of points
+  std::vector<float> depths, inside, outside;  // votes for dynamic content, and for other content
+
+  explicit RayVotes(const std::vector<float>& points);
 };
 
-// Adds the votes of a view about the points start + depths[k] * along. Points nearer than
-// `nearest`, which is above 0, are not visible.
-void add_votes(const VotingView& view, const std::vector<float>& depths, float nearest,
-               RayVotes* votes);
+// Adds the votes of a view. A point nearer than `nearest`, which is above 0, is not visible, and
+// neither is one outside of the image. Thread-safe for different votes.
+void add_votes(const VotingView& view, float nearest, RayVotes* votes);
 
 }  // namespace stgs::encoder::geometry

@@ -15,27 +15,23 @@ namespace stgs::encoder::geometry::HWY_NAMESPACE {
 namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
-using VoteTag = hn::ScalableTag<float>;
+using VoteTag = hn::CappedTag<float, 16>;
 using VoteV = hn::Vec<VoteTag>;
 
-void vote(const VotingView& view, const float* depths, std::size_t count, float nearest,
-          float* inside, float* outside) {
+void vote(const VotingView& view, float nearest, RayVotes& votes) {
   const VoteTag d;
   const hn::RebindToSigned<VoteTag> di;
-  const VoteV zero = hn::Zero(d), one = hn::Set(d, 1.0f);
-  const std::size_t lanes = hn::Lanes(d);
-  for (std::size_t k = 0; k < count; k += lanes) {
-    const auto in_range = hn::FirstN(d, count - k);
-    const VoteV depth = hn::MaskedLoad(in_range, d, depths + k);
+  const VoteV zero = hn::Zero(d), one = hn::Set(d, 1.0f), least = hn::Set(d, nearest);
+  for (std::size_t k = 0; k < votes.depths.size(); k += hn::Lanes(d)) {
+    const VoteV depth = hn::LoadU(d, votes.depths.data() + k);
     const auto at = [&](int axis) {
       return hn::MulAdd(hn::Set(d, view.along[axis]), depth, hn::Set(d, view.start[axis]));
     };
     const VoteV z = at(2);
-    const VoteV unit = hn::Div(one, hn::Max(z, hn::Set(d, nearest)));
+    const VoteV unit = hn::Div(one, hn::Max(z, least));
     const VoteV u = hn::MulAdd(hn::Mul(at(0), unit), hn::Set(d, view.fx), hn::Set(d, view.cx));
     const VoteV v = hn::MulAdd(hn::Mul(at(1), unit), hn::Set(d, view.fy), hn::Set(d, view.cy));
-    auto visible = hn::And(in_range, hn::Ge(z, hn::Set(d, nearest)));
-    visible = hn::And(visible, hn::And(hn::Ge(u, zero), hn::Ge(v, zero)));
+    auto visible = hn::And(hn::Ge(z, least), hn::And(hn::Ge(u, zero), hn::Ge(v, zero)));
     visible = hn::And(visible, hn::Lt(u, hn::Set(d, static_cast<float>(view.width))));
     visible = hn::And(visible, hn::Lt(v, hn::Set(d, static_cast<float>(view.height))));
     if (hn::AllFalse(d, visible)) continue;
@@ -46,9 +42,9 @@ void vote(const VotingView& view, const float* depths, std::size_t count, float 
     visible = hn::And(visible, hn::Le(z, hn::Abs(hiding)));
     const VoteV in = hn::IfThenElseZero(hn::And(visible, hn::Lt(hiding, zero)), one);
     const VoteV out = hn::IfThenElseZero(hn::And(visible, hn::Ge(hiding, zero)), one);
-    hn::BlendedStore(hn::Add(hn::MaskedLoad(in_range, d, inside + k), in), in_range, d, inside + k);
-    hn::BlendedStore(hn::Add(hn::MaskedLoad(in_range, d, outside + k), out), in_range, d,
-                     outside + k);
+    float *inside = votes.inside.data() + k, *outside = votes.outside.data() + k;
+    hn::StoreU(hn::Add(hn::LoadU(d, inside), in), d, inside);
+    hn::StoreU(hn::Add(hn::LoadU(d, outside), out), d, outside);
   }
 }
 
@@ -61,10 +57,15 @@ namespace stgs::encoder::geometry {
 
 HWY_EXPORT(vote);
 
-void add_votes(const VotingView& view, const std::vector<float>& depths, float nearest,
-               RayVotes* votes) {
-  HWY_DYNAMIC_DISPATCH(vote)
-  (view, depths.data(), depths.size(), nearest, votes->inside.data(), votes->outside.data());
+RayVotes::RayVotes(const std::vector<float>& points) : count(points.size()), depths(points) {
+  constexpr std::size_t kMostLanes = 16;
+  depths.resize((count + kMostLanes - 1) / kMostLanes * kMostLanes, 0.0f);
+  inside.assign(depths.size(), 0.0f);
+  outside.assign(depths.size(), 0.0f);
+}
+
+void add_votes(const VotingView& view, float nearest, RayVotes* votes) {
+  HWY_DYNAMIC_DISPATCH(vote)(view, nearest, *votes);
 }
 
 }  // namespace stgs::encoder::geometry

@@ -64,11 +64,15 @@ void fill_volume(const SweepImage& reference, const std::vector<const SweepImage
                            row_major, &costs);
     }
     // Occluded views match worst. With three or more views the best two count, with fewer the best.
-    std::uint8_t* out = volume->cost.data() + plane;
-    for (std::size_t i = 0; i < costs.first.size(); ++i) {
-      const float cost =
-          costs.seen[i] > 2.5f ? 0.5f * (costs.first[i] + costs.second[i]) : costs.first[i];
-      out[i * volume->planes] = std::uint8_t(254 * cost + 0.5f);
+    for (int y = 0; y < region.height; ++y) {
+      const std::size_t row = std::size_t(y) * part.pitch;
+      std::uint8_t* out = &volume->cost[volume->at(0, y) + plane];
+      for (std::size_t x = 0; x < std::size_t(region.width); ++x) {
+        const float first = costs.first[row + x];
+        const float cost =
+            costs.seen[row + x] > 2.5f ? 0.5f * (first + costs.second[row + x]) : first;
+        out[x * volume->planes] = std::uint8_t(254 * cost + 0.5f);
+      }
     }
   }
 }

@@ -20,7 +20,7 @@ cv::Mat hiding_depth_of(const Surface& surface, const View& view) {
   return out;
 }
 
-// Finds the depths of the nearest and farthest hull cell visible inside `box`, widened by the side
+// Finds the depths of the nearest and farthest hull cell that meets `box`, widened by the side
 // of two cells. Returns false if there is none.
 bool hull_range(const View& view, const std::vector<HullCell>& cells, cv::Rect box, double* near,
                 double* far) {
@@ -28,7 +28,11 @@ bool hull_range(const View& view, const std::vector<HullCell>& cells, cv::Rect b
   *far = 0;
   for (const HullCell& cell : cells) {
     const Pixel p = project(view, cell.centre);
-    if (!p.inside || !box.contains({p.x(), p.y()})) continue;
+    if (p.depth <= 0) continue;
+    const double reach = 0.5 * cell.side * std::max(view.fx, view.fy) / p.depth;
+    if (p.u < box.x - reach || p.v < box.y - reach || p.u > box.br().x + reach ||
+        p.v > box.br().y + reach)
+      continue;
     *near = std::min(*near, std::max(0.2 * p.depth, p.depth - 2 * cell.side));
     *far = std::max(*far, p.depth + 2 * cell.side);
   }

@@ -55,7 +55,7 @@ class Carver {
   std::vector<HullCell> take() { return std::move(cells_); }
 
  private:
-  // The views that matter to a cube; its parts need ask no others.
+  // The views that matter to a cube. Only the last two are tested for its parts.
   struct Votes {
     int inside = 0, outside = 0;  // views that have this relation to the whole cube
     std::vector<int> open;        // views whose relations are not known
@@ -137,18 +137,10 @@ class Carver {
 
 }  // namespace
 
-bool is_in_hull(const std::vector<Silhouette>& silhouettes, const cv::Vec3d& point,
-                double nearest) {
-  std::vector<std::uint8_t> outside;
-  find_outside(silhouettes, point, {0, 0, 0}, {0.0f}, nearest, &outside);
-  return outside[0] == 0;
-}
-
 void find_outside(const std::vector<Silhouette>& silhouettes, const cv::Vec3d& origin,
                   const cv::Vec3d& ray, const std::vector<float>& depths, double nearest,
                   std::vector<std::uint8_t>* outside) {
-  geometry::RayVotes votes{std::vector<float>(depths.size(), 0.0f),
-                           std::vector<float>(depths.size(), 0.0f)};
+  geometry::RayVotes votes(depths);
   for (const Silhouette& silhouette : silhouettes) {
     const View& view = silhouette.view;
     geometry::VotingView voting{silhouette.hiding.ptr<float>(),
@@ -165,7 +157,7 @@ void find_outside(const std::vector<Silhouette>& silhouettes, const cv::Vec3d& o
       voting.start[k] = float(start[k]);
       voting.along[k] = float(along[k]);
     }
-    geometry::add_votes(voting, depths, float(nearest), &votes);
+    geometry::add_votes(voting, float(nearest), &votes);
   }
   outside->resize(depths.size());
   for (std::size_t k = 0; k < depths.size(); ++k) {

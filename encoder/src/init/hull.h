@@ -29,17 +29,15 @@ struct HullResolution {
   double depth = 0;  // distance from the nearest view from which on cells grow with the distance
 };
 
-// Nothing nearer than `nearest` to a view is in the hull.
-bool is_in_hull(const std::vector<Silhouette>& silhouettes, const cv::Vec3d& point, double nearest);
-
 // Sets outside[k] to 1 for each point origin + depths[k] * ray that is not in the hull, else to 0.
+// Nothing nearer than `nearest`, which is above 0, to a view is in the hull.
 void find_outside(const std::vector<Silhouette>& silhouettes, const cv::Vec3d& origin,
                   const cv::Vec3d& ray, const std::vector<float>& depths, double nearest,
                   std::vector<std::uint8_t>* outside);
 
-// Returns the cells within `bounds` whose centre, or the centre of one of their eight parts, is in
-// the hull. None for fewer than two silhouettes. Cells are larger than requested if there would be
-// more than two million, or more than 30 million to examine.
+// Returns the cells within `bounds` of which the centre, or that of one of their eight parts, is in
+// the hull. None for fewer than two silhouettes. Cells are larger than requested if
+// there would be more than two million, or more than 30 million to examine.
 std::vector<HullCell> hull_cells(const std::vector<Silhouette>& silhouettes, const Box& bounds,
                                  double nearest, HullResolution resolution);
 

@@ -19,10 +19,10 @@ constexpr float kRatio = 0.8f;              // of the distances of the best matc
 constexpr double kFixed = 1;                // pixels: positions that differ by less are the same
 constexpr double kInlier = 1.5;             // pixels from the line of a match
 constexpr std::size_t kMinMatches = 16;     // of a pair
-constexpr std::size_t kEnough = 200;        // of a pair: no other frame is needed
+constexpr std::size_t kEnough = 200;        // of a pair: the middle frame is not needed
 constexpr double kMinInlierShare = 0.3;
 
-// The nearest descriptors of one to others.
+// The descriptors nearest to one, of another image.
 struct Nearest {
   int index = -1;
   float first = 1e30f, second = 1e30f;  // squared distances
@@ -97,7 +97,8 @@ Features find_features(const cv::Mat& image, std::size_t limit) {
 std::vector<std::pair<int, int>> match_features(const Features& a, const Features& b) {
   std::vector<std::pair<int, int>> out;
   if (a.points.size() < 2 || b.points.size() < 2) return out;
-  // Squared distances from one product of matrices, which both directions share.
+  // Squared distances from one product of matrices, which both directions share. They are exact:
+  // descriptors hold integers up to 255, and all sums are below 2^24.
   cv::Mat products;
   cv::gemm(a.descriptors, b.descriptors, -2, cv::Mat(), 0, products, cv::GEMM_2_T);
   const std::vector<float> of_a = squared_lengths(a.descriptors),
@@ -163,11 +164,14 @@ Status find_matches(const PreparedCapture& capture, const std::vector<View>& vie
   out->clear();
   for (const auto& [a, b] : likely_pairs(views)) out->push_back({a, b, {}, {}});
   std::vector<Features> features(views.size());
-  const auto is_open = [&](const PairMatches& pair) { return pair.in_a.size() < kEnough; };
+  // The last frame is always compared, because a camera may have been moved.
+  const auto is_open = [&](const PairMatches& pair, int frame) {
+    return frame == 0 || frame == capture.frames - 1 || pair.in_a.size() < kEnough;
+  };
   for (const int frame : frames) {
     std::vector<bool> is_needed(views.size(), false);
     for (const PairMatches& pair : *out)
-      if (is_open(pair)) is_needed[pair.a] = is_needed[pair.b] = true;
+      if (is_open(pair, frame)) is_needed[pair.a] = is_needed[pair.b] = true;
     STGS_TRY(work.for_each(int(views.size()), [&](int i) -> Status {
       if (!is_needed[i]) return {};
       STGS_ASSIGN(const cv::Mat image, load_image(capture, views[i], frame));
@@ -176,7 +180,7 @@ Status find_matches(const PreparedCapture& capture, const std::vector<View>& vie
     }));
     STGS_TRY(work.for_each(int(out->size()), [&](int i) -> Status {
       PairMatches& pair = (*out)[i];
-      if (is_open(pair)) add_matches(features[pair.a], features[pair.b], &pair);
+      if (is_open(pair, frame)) add_matches(features[pair.a], features[pair.b], &pair);
       return {};
     }));
   }

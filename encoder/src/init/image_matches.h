@@ -38,8 +38,9 @@ std::set<std::pair<int, int>> likely_pairs(const std::vector<View>& views);
 // Returns the frames in which matches are found: the first, the middle and the last.
 std::set<int> matched_frames(const PreparedCapture& capture);
 
-// Finds the matches of the first, the middle and the last frame between likely_pairs(). Keeps the
-// matches that agree with one fundamental matrix, and pairs with enough of them.
+// Finds the matches of the first and the last frame between likely_pairs(), and of the middle one
+// if a pair has few in the first. Keeps the matches that agree with one fundamental matrix, and
+// pairs with enough of them.
 Status find_matches(const PreparedCapture& capture, const std::vector<View>& views, Work& work,
                     std::vector<PairMatches>* out);
 

@@ -24,9 +24,10 @@ namespace {
 
 using namespace init;
 
-constexpr int kMotionMaxSide = 640;  // longer side of the images in motion detection, pixels
-constexpr int kColmapViews = 12;     // more views add little, and time grows with their square
-constexpr int kColmapSeconds = 120;  // limit per step of COLMAP
+constexpr int kMotionMaxSide = 640;      // longer side of the images in motion detection, pixels
+constexpr int kColmapViews = 12;         // more views add little, and time grows with their square
+constexpr int kColmapSeconds = 120;      // limit per step of COLMAP
+constexpr std::size_t kMinAgreeing = 3;  // with fewer views there is no stereo
 
 // Data passed between the stages.
 struct State {
@@ -36,8 +37,8 @@ struct State {
   std::vector<View> views{};
   CalibrationCheck calibration{};
   std::vector<ViewMotion> motion{};
-  // Those whose calibration agrees with the others. Points come from them alone: a wrong pose puts
-  // points in wrong places, also by its masks and as the partner of other views.
+  // Those whose calibration agrees with the others, or all if few do. Points come from them alone:
+  // a wrong pose puts points in wrong places, also by its masks and as the partner of other views.
   std::vector<View> agreeing{};
   std::vector<ViewMotion> agreeing_motion{};
   std::vector<LateCamera> late{};
@@ -100,8 +101,10 @@ Status find_all_motion(State& state) {
 
 void select_agreeing(State& state) {
   std::string left_out;
+  const bool keep_all = state.settings.trust_calibration ||
+                        state.views.size() < kMinAgreeing + state.calibration.outliers.size();
   for (std::size_t i = 0; i < state.views.size(); ++i) {
-    if (state.calibration.is_outlier(int(i))) {
+    if (!keep_all && state.calibration.is_outlier(int(i))) {
       left_out += fmt::format("{}'{}'", left_out.empty() ? "" : ", ", state.views[i].camera->name);
       continue;
     }
@@ -142,15 +145,15 @@ Status find_static(State& state) {
 // Returns the points that came with the capture, except those on dynamic content in frame 0.
 Result<std::vector<SurfacePoint>> given_points(State& state) {
   std::vector<SurfacePoint> points;
-  std::vector<cv::Mat> masks(state.views.size());
-  for (std::size_t i = 0; state.settings.separate_motion && i < state.views.size(); ++i) {
-    STGS_ASSIGN(masks[i], load_mask_image(state.capture, state.views[i], 0));
+  std::vector<cv::Mat> masks(state.agreeing.size());
+  for (std::size_t i = 0; state.settings.separate_motion && i < state.agreeing.size(); ++i) {
+    STGS_ASSIGN(masks[i], load_mask_image(state.capture, state.agreeing[i], 0));
   }
   for (const InitialPoint& point : state.settings.points) {
     const cv::Vec3d position(point.position[0], point.position[1], point.position[2]);
     int visible = 0, dynamic = 0;
-    for (std::size_t i = 0; i < state.views.size(); ++i) {
-      const Pixel p = project(state.views[i], position);
+    for (std::size_t i = 0; i < state.agreeing.size(); ++i) {
+      const Pixel p = project(state.agreeing[i], position);
       if (!p.inside) continue;
       ++visible;
       dynamic += !masks[i].empty() && masks[i].at<std::uint8_t>(p.y(), p.x()) ? 1 : 0;
@@ -248,7 +251,7 @@ Status find_dynamic(State& state) {
 Status find_velocities(State& state) {
   VelocityInput input{state.capture, state.agreeing, state.agreeing_motion, state.frames, 0, {}};
   // Upper bound of a plausible velocity: 1/15 of the image width at the focus.
-  input.reach = state.scene.focus.depth * state.views[0].width / state.views[0].fx / 15;
+  input.reach = state.scene.focus.depth * state.agreeing[0].width / state.agreeing[0].fx / 15;
   input.find_flow = [&state](const std::vector<int>& frames) {
     return state.work.for_each(int(frames.size() * state.agreeing.size()), [&](int i) {
       const std::size_t view = std::size_t(i) / frames.size();
@@ -272,9 +275,9 @@ void collect_points(State& state) {
   }
   std::vector<InitialPoint> all = state.static_points;
   all.insert(all.end(), state.dynamic_points.begin(), state.dynamic_points.end());
-  set_bounds(state.views, all, state.scene.far, &state.capture);
-  drop_too_near(state.views, state.capture.near_plane, &state.static_points);
-  drop_too_near(state.views, state.capture.near_plane, &state.dynamic_points);
+  set_bounds(state.agreeing, all, state.scene.far, &state.capture);
+  drop_too_near(state.agreeing, state.capture.near_plane, &state.static_points);
+  drop_too_near(state.agreeing, state.capture.near_plane, &state.dynamic_points);
   state.too_near = all.size() - state.static_points.size() - state.dynamic_points.size();
   const double* c = state.capture.scene_centre;
   state.work.log(

@@ -297,6 +297,20 @@ Status measure_coverage(const PreparedCapture& capture, const View& view, const 
   return {};
 }
 
+// Reads the given flow of all frames, so that missing files are reported.
+Status take_given_flow(const PreparedCapture& capture, const View& view,
+                       const InitSettings& settings, const Work& work, ViewMotion* motion) {
+  for (int frame = 0; frame + 1 < capture.frames; ++frame) {
+    STGS_TRY(work.check());
+    STGS_ASSIGN(const cv::Mat flow, given_flow(capture, view, settings, frame));
+    if (flow.empty()) return {};
+    STGS_ASSIGN(const cv::Mat mask, mask_of(capture, view, frame));
+    motion->flow[frame] = pack_flow(flow, mask);
+    motion->has_flow[frame] = 1;
+  }
+  return {};
+}
+
 Status write_masks(const PreparedCapture& capture, const View& view, const InitSettings& settings,
                    const Background& background, const Work& work, ViewMotion* motion) {
   const cv::Mat threshold = change_threshold(background.colour, background.noise);
@@ -357,10 +371,7 @@ Status find_motion(const PreparedCapture& capture, const View& view, const InitS
   }
   if (!motion->given_masks) return write_masks(capture, view, settings, background, work, motion);
   STGS_TRY(measure_coverage(capture, view, work, motion));
-  // Given flow is read at once, so that missing files are reported.
-  for (int frame = 0; frame + 1 < capture.frames && !settings.flow_folder.empty(); ++frame)
-    STGS_TRY(find_frame_flow(capture, view, settings, frame, motion));
-  return {};
+  return take_given_flow(capture, view, settings, work, motion);
 }
 
 Status find_frame_flow(const PreparedCapture& capture, const View& view,

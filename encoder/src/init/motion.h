@@ -30,7 +30,7 @@ struct ViewMotion {
   cv::Mat background;        // 8-bit RGB, temporal median of the static content
   cv::Mat background_valid;  // 8-bit, 255 where the background is known
   bool given_masks = false;
-  std::vector<FlowPatch> flow;         // per frame; the last is empty
+  std::vector<FlowPatch> flow;         // per frame; the last is empty, as those not found yet
   std::vector<std::uint8_t> has_flow;  // per frame, whether `flow` was found
   std::vector<float> coverage;         // fraction of masked pixels, per frame
 };
@@ -41,8 +41,9 @@ struct ViewMotion {
 Status find_motion(const PreparedCapture& capture, const View& view, const InitSettings& settings,
                    const Work& work, ViewMotion* motion);
 
-// Finds the flow from a frame to the next, unless it was found. Detecting the motion of a camera
-// with given masks leaves it out, because it takes long and only velocities use it.
+// Finds the flow from a frame before the last to the next, unless it was found. Concurrent calls
+// need different frames or cameras. Detecting the motion of a camera with given masks leaves it
+// out, because it takes long and only velocities use it.
 Status find_frame_flow(const PreparedCapture& capture, const View& view,
                        const InitSettings& settings, int frame, ViewMotion* motion);
 

@@ -26,8 +26,8 @@ int count_in(const cv::Mat& integral, const cv::Rect& box) {
 
 using Levels = std::vector<cv::Mat>;
 
-// Returns a bound of the depths in a box, by at most three blocks each way. `better` returns one of
-// two depths.
+// Returns a bound of the depths in a box: the best over the blocks that meet it, at most three
+// along each axis. `better` returns one of two depths.
 template <class Better>
 float bound_in(const Levels& levels, const cv::Rect& box, const Better& better) {
   const auto longest = static_cast<unsigned>(std::max(box.width, box.height));
@@ -108,7 +108,7 @@ Relation relation_of_ball(const Silhouette& silhouette, const cv::Vec3d& centre,
   const View& view = silhouette.view;
   const cv::Vec3d c = view.to_camera(centre);
   if (c[2] + radius < nearest) return Relation::kNotVisible;  // behind the camera
-  if (c[2] - radius < nearest) return Relation::kUndecided;   // contains the camera
+  if (c[2] - radius < nearest) return Relation::kUndecided;   // a part is too near
   // Upper bound of the outline's distance from the projected centre, also off the optical axis.
   const double x = c[0] / c[2], y = c[1] / c[2];
   const double spread = radius / (c[2] - radius) * std::sqrt(1 + x * x + y * y);
@@ -116,9 +116,10 @@ Relation relation_of_ball(const Silhouette& silhouette, const cv::Vec3d& centre,
   const double u = view.fx * x + view.cx, v = view.fy * y + view.cy;
   if (u + rx < 0 || v + ry < 0 || u - rx > view.width || v - ry > view.height)
     return Relation::kNotVisible;
-  const int x0 = std::max(0, int(u - rx)), y0 = std::max(0, int(v - ry));
-  const cv::Rect box(x0, y0, std::min(view.width, int(u + rx) + 1) - x0,
-                     std::min(view.height, int(v + ry) + 1) - y0);
+  const auto clamped = [](double at, int size) { return int(std::clamp(at, 0.0, double(size))); };
+  const int x0 = clamped(u - rx, view.width), y0 = clamped(v - ry, view.height);
+  const cv::Rect box(x0, y0, clamped(u + rx + 1, view.width) - x0,
+                     clamped(v + ry + 1, view.height) - y0);
   if (box.empty()) return Relation::kNotVisible;
   const int moving = count_in(silhouette.integral, box);
   const Backdrop* backdrop = silhouette.backdrop.get();

@@ -17,7 +17,7 @@ struct Backdrop {
   // the greatest one. Unknown depth is a large value.
   std::vector<cv::Mat> nearest, farthest;
 };
-// `depth`: CV_32F, scene units; what is farther is hidden; 0: unknown.
+// `depth`: CV_32F, scene units; pixels hide everything beyond it; 0: unknown.
 Backdrop make_backdrop(const cv::Mat& depth);
 
 struct Silhouette {
@@ -32,11 +32,15 @@ struct Silhouette {
 Silhouette make_silhouette(const View& view, const cv::Mat& mask,
                            std::shared_ptr<const Backdrop> backdrop);
 
-// Where a view sees something: not at all (outside of the image, or behind the static surface),
-// beside the mask, or in it; kNotInside: either of the first two; kUndecided: any.
+// Where a view sees a point or all points of a ball:
+//   kNotVisible  outside of the image, nearer than allowed or behind the static surface,
+//   kOutside     beside the mask,
+//   kInside      in the mask,
+//   kNotInside   of a ball: one of the first two, which may differ between its points,
+//   kUndecided   of a ball: any.
 enum class Relation : std::uint8_t { kNotVisible, kOutside, kInside, kNotInside, kUndecided };
 
-// The relation of a point, one of the first three. A point nearer than `nearest` is not visible.
+// Points nearer than `nearest`, which is above 0, are not visible.
 Relation relation_of_point(const Silhouette& silhouette, const cv::Vec3d& point, double nearest);
 
 // The relation that all points of a ball are known to have. Approximates the projected ball by a

@@ -15,7 +15,7 @@ namespace stgs::encoder::init {
 namespace {
 
 constexpr int kDelays = 2 * kMaxDelay + 1;  // from -kMaxDelay to kMaxDelay
-constexpr int kTimes = 2;                   // at which frames are compared, spread over the clip
+constexpr int kTimes = 2;                   // at most, at which frames are compared
 constexpr std::size_t kMaxMoving = 400;     // of the moving content of a frame
 constexpr int kMargin = 24;                 // around it, pixels, because features have a size
 constexpr double kOnLine = 1;               // pixels
@@ -123,9 +123,11 @@ LateCamera find_latest(const std::vector<PairCounts>& pairs, const std::vector<i
   return found;
 }
 
-// Returns whether all cameras have many matches without a delay, and fewer with any.
+// Returns whether all cameras with pairs have many matches without a delay, and not more with any.
 bool are_in_time(const std::vector<PairCounts>& pairs, const std::vector<int>& delays) {
-  for (int view = 0; view < static_cast<int>(delays.size()); ++view) {
+  std::set<int> paired;
+  for (const PairCounts& pair : pairs) paired.insert({pair.a, pair.b});
+  for (const int view : paired) {
     const Counts matches = votes_of(view, pairs, delays).matches;
     const int most = *std::max_element(matches.begin(), matches.end());
     if (matches[kMaxDelay] < kClearlyOnLine || matches[kMaxDelay] < most) return false;
@@ -149,12 +151,12 @@ Status check_timing(const PreparedCapture& capture, const std::vector<View>& vie
   for (const auto& [a, b] : likely_pairs(views)) {
     if (!calibration.is_outlier(a) && !calibration.is_outlier(b)) pairs.push_back({a, b, {}});
   }
-  // One by one, because a late camera makes its partners look early. Most are in time.
   std::vector<int> delays(views.size(), 0);
   for (const int time : times) {
     STGS_TRY(count_pairs(capture, views, time, work, &pairs));
     if (are_in_time(pairs, delays)) return {};
   }
+  // One by one, because a late camera makes its partners look early. Most are in time.
   while (2 * (out->size() + 1) < views.size()) {
     const LateCamera late = find_latest(pairs, delays);
     if (late.frames == 0) break;

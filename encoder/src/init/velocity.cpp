@@ -6,7 +6,6 @@
 #include <cmath>
 #include <memory>
 #include <nanoflann.hpp>
-#include <numeric>
 
 namespace stgs::encoder::init {
 namespace {
@@ -291,11 +290,13 @@ Result<Residuals> mean_residuals(const VelocityInput& input, const std::vector<V
   const int frames = input.capture.frames,
             count = std::max(0, std::min(frames - 1, kMeasuredFrames));
   std::vector<int> measured;
-  for (int i = 0; i < count; ++i)
-    measured.push_back(count == 1 ? 0 : i * (frames - 2) / (count - 1));
+  for (int i = 0; i < count; ++i) {
+    const int frame = count == 1 ? 0 : i * (frames - 2) / (count - 1);
+    if (!input.frames[frame].points.empty()) measured.push_back(frame);
+  }
   STGS_TRY(input.find_flow(measured));
   std::vector<Residuals> found(measured.size());
-  STGS_TRY(work.for_each(count, [&](int i) -> Status {
+  STGS_TRY(work.for_each(int(measured.size()), [&](int i) -> Status {
     STGS_ASSIGN(found[i], residuals_of(input, matched[measured[i]], measured[i]));
     return {};
   }));
@@ -313,8 +314,9 @@ Result<Residuals> mean_residuals(const VelocityInput& input, const std::vector<V
 // Replaces velocities by those from flow.
 Status take_flow(const VelocityInput& input, Work& work, std::vector<Velocities>* velocities) {
   const int last = input.capture.frames - 1;
-  std::vector<int> frames(last);
-  std::iota(frames.begin(), frames.end(), 0);
+  std::vector<int> frames;
+  for (int frame = 0; frame < last; ++frame)
+    if (!input.frames[frame].points.empty()) frames.push_back(frame);
   STGS_TRY(input.find_flow(frames));
   STGS_TRY(work.for_each(last, [&](int frame) -> Status {
     (*velocities)[frame] = flowed_of(input, frame, (*velocities)[frame]);
