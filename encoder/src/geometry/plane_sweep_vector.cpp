@@ -212,11 +212,11 @@ HWY_EXPORT(compare);
 
 SweepReference make_sweep_reference(const std::vector<float>& grey, int width, int height,
                                     int window) {
-  constexpr int kMostLanes = 16;
+  constexpr int kMaxLanes = 16;
   SweepReference out;
   out.width = width;
   out.height = height;
-  out.pitch = (width + kMostLanes - 1) / kMostLanes * kMostLanes;
+  out.pitch = (width + kMaxLanes - 1) / kMaxLanes * kMaxLanes;
   out.window = window;
   const std::size_t size = static_cast<std::size_t>(out.pitch) * height;
   out.grey.resize(size);

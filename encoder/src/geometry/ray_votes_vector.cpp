@@ -58,8 +58,8 @@ namespace stgs::encoder::geometry {
 HWY_EXPORT(vote);
 
 RayVotes::RayVotes(const std::vector<float>& points) : count(points.size()), depths(points) {
-  constexpr std::size_t kMostLanes = 16;
-  depths.resize((count + kMostLanes - 1) / kMostLanes * kMostLanes, 0.0f);
+  constexpr std::size_t kMaxLanes = 16;
+  depths.resize((count + kMaxLanes - 1) / kMaxLanes * kMaxLanes, 0.0f);
   inside.assign(depths.size(), 0.0f);
   outside.assign(depths.size(), 0.0f);
 }

@@ -22,8 +22,8 @@ inline constexpr float kGreyScale = 40.0f;    // difference of the largest cost,
 inline constexpr float kErrorLimit = 3.0f;    // largest reprojection error that counts, pixels
 inline constexpr float kUnseen = 2.0f;        // cost of a hypothesis that no source sees
 
-// Bilateral weights, which sum to 1, and the weighted grey values around a pixel. The padding is 0 up
-// to a whole vector.
+// Bilateral weights, which sum to 1, and the weighted grey values around a pixel. The padding is 0
+// up to a whole vector.
 struct Support {
   float weight[kSupportPadded], weighted[kSupportPadded];
   float mean, variance;
