@@ -16,7 +16,9 @@ namespace stgs::encoder {
 
 struct InitSettings {
   std::string name;                // of the capture, in messages
-  bool trust_calibration = false;  // a known mistake in it is a warning instead of an error
+  // A known mistake in the calibration is a warning instead of an error, and points come from all
+  // cameras.
+  bool trust_calibration = false;
   bool separate_motion = true;     // false: one static point cloud from the first frame
   int max_dynamic_points = 0;      // per frame; 0: derived from the image size
   int max_static_points = 0;       // 0: derived from the image size
