@@ -100,19 +100,20 @@ Status find_all_motion(State& state) {
 }
 
 void select_agreeing(State& state) {
-  std::string left_out;
+  std::string outliers;
   const bool keep_all = state.settings.trust_calibration ||
                         state.views.size() < kMinAgreeing + state.calibration.outliers.size();
   for (std::size_t i = 0; i < state.views.size(); ++i) {
-    if (!keep_all && state.calibration.is_outlier(int(i))) {
-      left_out += fmt::format("{}'{}'", left_out.empty() ? "" : ", ", state.views[i].camera->name);
-      continue;
+    if (state.calibration.is_outlier(int(i))) {
+      outliers += fmt::format("{}'{}'", outliers.empty() ? "" : ", ", state.views[i].camera->name);
+      if (!keep_all) continue;
     }
     state.agreeing.push_back(state.views[i]);
     state.agreeing_motion.push_back(state.motion[i]);
   }
-  if (!left_out.empty())
-    state.work.log("points: not from " + left_out + ", because of the calibration");
+  if (!outliers.empty())
+    state.work.log(fmt::format("points: {} {}, whose calibration disagrees",
+                               keep_all ? "also from" : "not from", outliers));
 }
 
 Status find_static(State& state) {
