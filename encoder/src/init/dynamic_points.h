@@ -26,14 +26,13 @@ struct DynamicSettings {
 // The visual hull of a frame.
 struct DynamicHull {
   std::vector<Silhouette> silhouettes;
-  std::vector<HullCell> cells;  // that have a part of it
+  std::vector<HullCell> cells;  // around it
   double nearest = 0;           // nothing is nearer to a view
 };
 
 class DynamicFinder {
  public:
-  // `views` set the working resolution of the masks; `scene` has their surfaces in the same
-  // order.
+  // `views` set the working resolution of the masks; `scene` has their surfaces in the same order.
   // Keeps references to the capture and the scene.
   DynamicFinder(const PreparedCapture& capture, const std::vector<View>& views,
                 const StaticScene& scene, const DynamicSettings& settings);

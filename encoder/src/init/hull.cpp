@@ -20,6 +20,11 @@ int misses_allowed(int views) {
   return views / 8 + (views >= 5 ? 1 : 0);
 }
 
+// Whether a point that so many of the views see inside and outside of the mask is in the hull.
+bool is_in_hull(int inside, int outside, std::size_t views) {
+  return inside >= views_needed(views) && outside <= misses_allowed(inside + outside);
+}
+
 // Returns one of the eight parts of a cube; bit k of `part` is set in the upper half of axis k.
 HullCell part_of(const HullCell& cube, int part) {
   HullCell out{cube.centre, 0.5 * cube.side};
@@ -55,7 +60,7 @@ class Carver {
   std::vector<HullCell> take() { return std::move(cells_); }
 
  private:
-  // The views that matter to a cube. Only the last two are tested for its parts.
+  // The views that matter to a cube. For its parts, only those in the lists are tested.
   struct Votes {
     int inside = 0, outside = 0;  // views that have this relation to the whole cube
     std::vector<int> open;        // views whose relations are not known
@@ -91,8 +96,7 @@ class Carver {
       if (relation == Relation::kUndecided || relation == Relation::kNotInside)
         votes->open.push_back(i);
     }
-    return possible >= views_needed(silhouettes_.size()) &&
-           votes->outside <= misses_allowed(possible + votes->outside);
+    return is_in_hull(possible, votes->outside, silhouettes_.size());
   }
 
   bool has_point(const HullCell& cube, const Votes& known) const {
@@ -109,12 +113,11 @@ class Carver {
       inside += relation == Relation::kInside ? 1 : 0;
       outside += relation == Relation::kOutside ? 1 : 0;
     }
-    return inside >= views_needed(silhouettes_.size()) &&
-           outside <= misses_allowed(inside + outside);
+    return is_in_hull(inside, outside, silhouettes_.size());
   }
 
-  // Returns the side of the smallest cells there, and the views that can be the nearest to a point
-  // of the cube.
+  // Returns the smallest side that is allowed at the cube, and the views that can be the nearest to
+  // a point of it.
   double side_at(const HullCell& cube, const Votes& known, Votes* votes) const {
     double least = 1e300;
     const auto distance = [&](int i) {
@@ -161,10 +164,8 @@ void find_outside(const std::vector<Silhouette>& silhouettes, const cv::Vec3d& o
   }
   outside->resize(depths.size());
   for (std::size_t k = 0; k < depths.size(); ++k) {
-    const int hits = int(votes.inside[k]), misses = int(votes.outside[k]);
-    const bool is_inside =
-        hits >= views_needed(silhouettes.size()) && misses <= misses_allowed(hits + misses);
-    (*outside)[k] = is_inside ? 0 : 1;
+    const int inside = int(votes.inside[k]), misses = int(votes.outside[k]);
+    (*outside)[k] = is_in_hull(inside, misses, silhouettes.size()) ? 0 : 1;
   }
 }
 

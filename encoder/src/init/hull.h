@@ -36,8 +36,8 @@ void find_outside(const std::vector<Silhouette>& silhouettes, const cv::Vec3d& o
                   std::vector<std::uint8_t>* outside);
 
 // Returns the cells within `bounds` of which the centre, or that of one of their eight parts, is in
-// the hull. None for fewer than two silhouettes. Cells are larger than requested if
-// there would be more than two million, or more than 30 million to examine.
+// the hull. None for fewer than two silhouettes. Cells are larger than requested if there would be
+// more than two million, or more than 30 million to examine.
 std::vector<HullCell> hull_cells(const std::vector<Silhouette>& silhouettes, const Box& bounds,
                                  double nearest, HullResolution resolution);
 

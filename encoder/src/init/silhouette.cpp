@@ -68,7 +68,8 @@ Levels levels_of(const cv::Mat& depth, const Better& better) {
   return out;
 }
 
-// Unknown surface hides nothing.
+// Whether everything in a box up to a depth is in front of the surface, or everything from it on is
+// behind.
 bool is_in_front(const Backdrop& backdrop, const cv::Rect& box, double depth) {
   return bound_in(backdrop.nearest, box, least_of) >= depth;
 }

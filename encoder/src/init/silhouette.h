@@ -13,8 +13,8 @@ namespace stgs::encoder::init {
 
 // The static surface of a view, which hides everything behind it.
 struct Backdrop {
-  // Level k holds a bound of the depths of blocks of 2^k pixels, CV_32F: the least known one, and
-  // the greatest one. Unknown depth is a large value.
+  // Level k holds the least and the greatest depth in blocks of 2^k x 2^k pixels, CV_32F. Unknown
+  // depth is a large value.
   std::vector<cv::Mat> nearest, farthest;
 };
 // `depth`: CV_32F, scene units; pixels hide everything beyond it; 0: unknown.

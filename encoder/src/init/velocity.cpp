@@ -260,7 +260,7 @@ Velocities matched_of(const VelocityInput& input, int frame) {
   return fill_unknown(found, found);
 }
 
-// Of a frame with flow. `matched` replaces unknown velocities.
+// Returns the velocities of a frame by its flow, or by `matched` where it gives none.
 Velocities flowed_of(const VelocityInput& input, int frame, const Velocities& matched) {
   const std::vector<SurfacePoint>& points = input.frames[frame].points;
   if (points.empty()) return {};
