@@ -97,6 +97,44 @@ TEST_CASE("a fragment that stays visible is recorded once and lasts as long as s
   }
 }
 
+TEST_CASE("the parts of a fragment are displayed for times of their own") {
+  const TemporaryFolder folder;
+  const std::string path = folder / "live.stgs";
+  auto recorder = SceneRecorder::create(path, recording_metadata(), 1, recording_settings());
+  REQUIRE(recorder.ok());
+  Gaussians4D lasting = make_fragment(7);
+  std::fill(lasting.radius.begin(), lasting.radius.end(), 1000.0f);
+  const Gaussians4D none = make_fragment(0, 0), second = make_fragment(1);
+  const Gaussians4D brief = make_fragment(0);
+  const FragmentPart first[] = {{brief}, {lasting, {}, 500}};
+  REQUIRE((*recorder)->append(first, 10).ok());
+  const FragmentPart then[] = {{none}, {second}, {lasting, {}, 100}};
+  REQUIRE((*recorder)->append(then, 20).ok());
+  Gaussians4D other = second;
+  other.sh_degree = 0;
+  const FragmentPart mixed[] = {{second}, {other}};
+  CHECK((*recorder)->append(mixed, 30).code() == StatusCode::kUsage);
+  CHECK((*recorder)->primitives() == 4 * 60);
+  REQUIRE((*recorder)->append(second, 30).ok());
+  REQUIRE((*recorder)->close().ok());
+
+  const std::string finished = folder / "finished.stgs";
+  finalize_intact(path, finished);
+  for (const std::string& file : {path, finished}) {
+    const auto reader = open_scene(file);
+    CHECK(reader->parts() ==
+          std::vector<ScenePart>{
+              {0, 10, 60}, {0, 500, 60}, {10, 20, 60}, {10, 100, 60}, {20, 30, 60}});
+    CHECK(fingerprints_of(*reader, 1) == fingerprints_of(lasting));
+    CHECK(fingerprints_of(*reader, 2) == fingerprints_of(second));
+    std::set<std::uint32_t> needed;
+    for (const std::uint32_t s : reader->segments_between(25, 25))
+      needed.insert(reader->segments()[s].part);
+    CHECK(needed == std::set<std::uint32_t>{1, 3, 4});
+    CHECK(issues_of(bytes_of(file)).empty());
+  }
+}
+
 namespace {
 
 // The bytes of a recording without its FRAG records, which contain copies of the head.

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <exception>
-#include <limits>
 
 #include "quantise/segmenter.h"
 #include "scene/recording.h"
@@ -20,17 +19,16 @@ struct Recorded {
   std::uint64_t primitives = 0;
   float bounds_min[3] = {}, bounds_max[3] = {};
 
-  void add(const EncodedScene& fragment, std::uint32_t end_frame) {
-    const SceneMetadata& scene = fragment.metadata.scene;
-    const std::uint64_t added = fragment.body.index.primitives;
+  void add(const EncodedScene& part) {
+    const SceneMetadata& scene = part.metadata.scene;
+    const std::uint64_t added = part.body.index.primitives;
     for (std::size_t axis = 0; axis < 3 && added > 0; ++axis) {
       float &low = bounds_min[axis], &high = bounds_max[axis];
       low = primitives > 0 ? std::min(low, scene.bounds_min[axis]) : scene.bounds_min[axis];
       high = primitives > 0 ? std::max(high, scene.bounds_max[axis]) : scene.bounds_max[axis];
     }
     primitives += added;
-    frames = end_frame;
-    chunk_ticks = fragment.body.parts.front().chunk_ticks;
+    chunk_ticks = part.body.parts.front().chunk_ticks;
   }
 };
 
@@ -97,8 +95,7 @@ class SceneRecorder::State {
     return {};
   }
 
-  Status append(const Gaussians4D& fragment, std::uint32_t end_frame,
-                std::span<const float> importance, std::uint32_t last_frame) {
+  Status append(std::span<const FragmentPart> parts, std::uint32_t end_frame) {
     STGS_TRY(check_open());
     const std::uint32_t frames = recorded_.frames;
     if (end_frame <= frames) {
@@ -106,23 +103,18 @@ class SceneRecorder::State {
           "{}: cannot append a fragment that ends at frame {} (expected more than {})",
           file_.path(), end_frame, frames);
     }
-    if (next_part_ > std::numeric_limits<std::uint32_t>::max())
+    if (next_part_ + parts.size() > std::uint64_t{1} << 32)
       return unsupported("{}: no number is left for another part", file_.path());
-    const std::uint32_t part_end = std::max(end_frame, last_frame);
-    const double chunk_ticks = recorded_.chunk_ticks;
-    if (chunk_ticks > 0 && 2.0 * (part_end - frames) >= kMaxSlots * chunk_ticks) {
-      return usage_error("{}: {} frames are too many for chunks of {} ticks; use longer chunks",
-                         file_.path(), part_end, chunk_ticks);
-    }
-    if (fragment.sh_degree != metadata_.sh_degree) {
-      return usage_error("{}: SH degree mismatch (expected {}, got {})", file_.path(),
-                         metadata_.sh_degree, fragment.sh_degree);
+    std::size_t primitives = 0;
+    for (const FragmentPart& part : parts) {
+      STGS_TRY(check_part(part, end_frame));
+      primitives += part.primitives.size();
     }
     try {
-      return append_checked(fragment, end_frame, part_end, importance);
+      return append_checked(parts, end_frame);
     } catch (const std::exception& e) {
       return Status(code_of(e), fmt::format("{}: cannot append {} primitives: {}", file_.path(),
-                                            fragment.size(), e.what()));
+                                            primitives, e.what()));
     }
   }
 
@@ -149,6 +141,20 @@ class SceneRecorder::State {
     return usage_error("{}: recording is closed or was ended by an error", file_.path());
   }
 
+  Status check_part(const FragmentPart& part, std::uint32_t end_frame) const {
+    const std::uint32_t part_end = std::max(end_frame, part.last_frame);
+    const double chunk_ticks = recorded_.chunk_ticks;
+    if (chunk_ticks > 0 && 2.0 * (part_end - recorded_.frames) >= kMaxSlots * chunk_ticks) {
+      return usage_error("{}: {} frames are too many for chunks of {} ticks; use longer chunks",
+                         file_.path(), part_end, chunk_ticks);
+    }
+    if (part.primitives.sh_degree != metadata_.sh_degree) {
+      return usage_error("{}: SH degree mismatch (expected {}, got {})", file_.path(),
+                         metadata_.sh_degree, part.primitives.sh_degree);
+    }
+    return {};
+  }
+
   double chunk_of_settings() const {
     return to_chunk(metadata_.scene.time_base.ticks(settings_.write.chunk_seconds));
   }
@@ -162,33 +168,46 @@ class SceneRecorder::State {
     return file_.close();
   }
 
-  Status append_checked(const Gaussians4D& fragment, std::uint32_t end_frame,
-                        std::uint32_t part_end, std::span<const float> importance) {
-    const std::uint32_t begin = recorded_.frames;
-    Scene scene;
-    scene.metadata = metadata_.scene;
-    scene.metadata.frames = part_end;
-    scene.gaussians = fragment;
-    scene.importance.assign(importance.begin(), importance.end());
-    scene.parts = {{static_cast<double>(begin), static_cast<double>(part_end), fragment.size()}};
-    WriteSettings check = settings_.write;
-    check.chunk_seconds = 0;  // already checked; must not be checked against the whole timeline
-    STGS_TRY(check_scene(scene, check));
-    STGS_ASSIGN(EncodedScene encoded,
-                encode_records(scene, settings_.write, recorded_.chunk_ticks, false));
+  Status append_checked(std::span<const FragmentPart> parts, std::uint32_t end_frame) {
     Recorded after = recorded_;
-    after.add(encoded, end_frame);
-    STGS_TRY(append_fragment(encoded.body, after));
-    dropped_ += fragment.size() - (after.primitives - recorded_.primitives);
+    std::vector<Body> bodies;
+    std::uint64_t appended = 0;
+    for (const FragmentPart& part : parts) {
+      STGS_ASSIGN(EncodedScene encoded, encode_part(part, end_frame, after.chunk_ticks));
+      after.add(encoded);
+      bodies.push_back(std::move(encoded.body));
+      appended += part.primitives.size();
+    }
+    after.frames = end_frame;
+    STGS_TRY(append_fragment(bodies, after));
+    dropped_ += appended - (after.primitives - recorded_.primitives);
     recorded_ = after;
     return {};
   }
 
-  // Writes the records and their FRAG record in one write.
-  Status append_fragment(Body& body, const Recorded& after) {
+  Result<EncodedScene> encode_part(const FragmentPart& part, std::uint32_t end_frame,
+                                   double chunk_ticks) const {
+    const std::uint32_t part_end = std::max(end_frame, part.last_frame);
+    Scene scene;
+    scene.metadata = metadata_.scene;
+    scene.metadata.frames = part_end;
+    scene.gaussians = part.primitives;
+    scene.importance.assign(part.importance.begin(), part.importance.end());
+    scene.parts = {{static_cast<double>(recorded_.frames), static_cast<double>(part_end),
+                    part.primitives.size()}};
+    WriteSettings check = settings_.write;
+    check.chunk_seconds = 0;  // already checked; must not be checked against the whole timeline
+    if (part.steps != nullptr) scene.quantisation = *part.steps;
+    STGS_TRY(check_scene(scene, check));
+    WriteSettings write = settings_.write;
+    if (part.quality > 0) write.quality = part.quality;
+    write.own_steps = part.steps != nullptr;
+    return encode_records(scene, write, chunk_ticks, false);
+  }
+
+  // Appends the records of a part, which `begin` bytes of the file and `bytes` precede.
+  static void add_records(Body& body, std::uint64_t begin, std::vector<std::uint8_t>& bytes) {
     std::vector<SegmentEntry>& segments = body.index.segments;
-    std::vector<std::uint8_t> bytes;
-    const std::uint64_t begin = file_.bytes();
     const auto add = [&](const std::vector<std::uint8_t>& record, RecordRange& entry) {
       entry.offset = begin + bytes.size();
       bytes.insert(bytes.end(), record.begin(), record.end());
@@ -202,13 +221,22 @@ class SceneRecorder::State {
       for (std::size_t s = first; s < end; ++s) add(body.bases[s], segments[s].base);
       for (std::size_t s = first; s < end; ++s) add(body.sh[s], segments[s].sh);
     }
+  }
+
+  // Writes the records and their FRAG record in one write.
+  Status append_fragment(std::vector<Body>& bodies, const Recorded& after) {
+    std::vector<std::uint8_t> bytes;
+    const std::uint64_t begin = file_.bytes();
+    for (Body& body : bodies) add_records(body, begin, bytes);
     FragmentRecord fragment = fragment_at(begin + bytes.size(), after);
-    if (!segments.empty()) {
+    for (const Body& body : bodies) {
+      const std::vector<SegmentEntry>& segments = body.index.segments;
+      if (segments.empty()) continue;
       IndexRun& run = fragment.node.runs.emplace_back();
       run.part = body.parts.front();
-      run.part.number = static_cast<std::uint32_t>(next_part_);
+      run.part.number = static_cast<std::uint32_t>(next_part_ + fragment.node.runs.size() - 1);
       run.segments = segments.size();
-      fragment.node.segments = std::move(segments);
+      fragment.node.segments.insert(fragment.node.segments.end(), segments.begin(), segments.end());
     }
     const std::vector<std::uint8_t> record = write_fragment(fragment);
     fragment.end = fragment.offset + record.size();
@@ -217,7 +245,7 @@ class SceneRecorder::State {
     links.add(fragment);
     STGS_TRY(append_bytes(bytes));
     links_ = std::move(links);
-    next_part_ += fragment.node.runs.empty() ? 0 : 1;
+    next_part_ += fragment.node.runs.size();
     return {};
   }
 
@@ -255,9 +283,14 @@ class SceneRecorder::State {
 SceneRecorder::SceneRecorder(std::unique_ptr<State> state) : state_(std::move(state)) {}
 SceneRecorder::~SceneRecorder() = default;
 
-Status SceneRecorder::append(const Gaussians4D& fragment, std::uint32_t end_frame,
+Status SceneRecorder::append(std::span<const FragmentPart> parts, std::uint32_t end_frame) {
+  return state_->append(parts, end_frame);
+}
+
+Status SceneRecorder::append(const Gaussians4D& primitives, std::uint32_t end_frame,
                              std::span<const float> importance, std::uint32_t last_frame) {
-  return state_->append(fragment, end_frame, importance, last_frame);
+  const FragmentPart part{primitives, importance, last_frame};
+  return state_->append({&part, 1}, end_frame);
 }
 
 Status SceneRecorder::close() {

@@ -20,6 +20,19 @@ struct RecordSettings {
   bool sync = true;
 };
 
+// The primitives of a fragment that are displayed for the same time.
+struct FragmentPart {
+  const Gaussians4D& primitives;        // not owned
+  std::span<const float> importance{};  // see Scene; may be empty
+  // They are displayed from the beginning of the fragment to its end or, if this is greater, up to
+  // this frame, together with fragments appended later: content known to stay is stored once.
+  std::uint32_t last_frame = 0;
+  double quality = 0;  // in place of WriteSettings::quality; 0: that one
+  // The steps that the primitives were trained for, with importances; null: chosen. Not owned.
+  // Ignored as WriteSettings::own_steps is.
+  const Quantisation* steps = nullptr;
+};
+
 // Appends fragments of time to a file. One thread at a time; encoding uses all threads
 // (parallel.h). Once append() returns, the fragment can be read by anyone and stays readable
 // whatever happens to this process. Readers skip the remains of an interrupted append. Destroying
@@ -45,16 +58,16 @@ class SceneRecorder {
   SceneRecorder(const SceneRecorder&) = delete;
   SceneRecorder& operator=(const SceneRecorder&) = delete;
 
-  // Extends the file to `end_frame` frames, more than frames(), with these primitives. Their times
-  // count from frames(), the beginning of the fragment. They are rendered up to end_frame or, if it
-  // is greater, up to `last_frame`, together with fragments appended later: content known to stay
-  // is stored once. `importance`: see Scene; may be empty. Primitives never visible within the
-  // fragment are dropped, except in the lossless profile.
+  // Extends the file to `end_frame` frames, more than frames(), with the primitives of these parts.
+  // Their times count from frames(), the beginning of the fragment. Primitives never visible while
+  // their part is displayed are dropped, except in the lossless profile.
   //
   // An error before the first byte is written (kUsage, kUnsupported, kNoMemory and others) changes
   // nothing. A write error (kIo) ends the recording and closes the file, which can be resumed; the
   // file is truncated to its previous length as far as the system allows.
-  Status append(const Gaussians4D& fragment, std::uint32_t end_frame,
+  Status append(std::span<const FragmentPart> parts, std::uint32_t end_frame);
+  // The same for a fragment of one part.
+  Status append(const Gaussians4D& primitives, std::uint32_t end_frame,
                 std::span<const float> importance = {}, std::uint32_t last_frame = 0);
   // Marks the file as complete. Errors: as append().
   Status close();
