@@ -236,6 +236,30 @@ TEST_CASE("CUDA limits scales as the CPU does, for any number of cameras") {
   CHECK(difference(cpu.set.log_scale, gpu.set.log_scale) <= 1e-6);
 }
 
+// Fixes primitives 0, 3, ...
+void fix_every_third(TrainState& state) {
+  for (std::size_t i = 0; i < state.size(); i += 3) {
+    state.updates[i] = kFixed;
+    state.statistics.error_max[i] = 0.0f;
+  }
+}
+
+// Returns how many of the fixed primitives, or of the others, have another value.
+std::size_t changed_since(const TrainState& before, const TrainState& after, bool fixed) {
+  std::size_t changed = 0;
+  for (std::size_t i = 0; i < before.size(); ++i) {
+    if (before.is_fixed(i) != fixed) continue;
+    bool same = before.updates[i] == after.updates[i];
+    for (int a = 0; a < kAttributes; ++a) {
+      const auto n = static_cast<std::size_t>(before.components(a));
+      const float* from = before.values(a).data() + i * n;
+      same = same && std::equal(from, from + n, after.values(a).data() + i * n);
+    }
+    changed += same ? 0 : 1;
+  }
+  return changed;
+}
+
 TEST_CASE("steps with f = 1, a fixed radius or an empty state succeed") {
   const StepCase c = kCases[0];
   const std::vector<Image8> ground_truths = random_ground_truths(c, 1);
@@ -290,11 +314,36 @@ TrainState state_before_densification() {
   return state;
 }
 
+TEST_CASE("fixed primitives are rendered as on the CPU and do not change") {
+  const StepCase& c = kCases[1];
+  const std::vector<Image8> ground_truths = random_ground_truths(c, 4);
+  TrainState start = initial_state(c);
+  fix_every_third(start);
+  TrainState cpu = start, gpu = start;
+  const auto reference = make_cpu_backend();
+  const auto with_statistics = [](StepInput& input) { input.gather_statistics = true; };
+  const auto expected = run_steps(*reference, cpu, c, 5, ground_truths, with_statistics);
+  const auto found = run_steps(cuda_backend(), gpu, c, 5, ground_truths, with_statistics);
+  for (std::size_t s = 0; s < expected.size(); ++s)
+    CHECK(found[s].loss == Approx(expected[s].loss).epsilon(2e-4));
+  const math::PinholeCamera camera = scene_camera(c.width, c.height);
+  for (const auto& [backend, state] :
+       {std::pair{reference.get(), &cpu}, {static_cast<TrainBackend*>(&cuda_backend()), &gpu}}) {
+    check(backend->limit_scales({&camera, 1}, 20.0f));
+    check(backend->synchronise());
+    CHECK(changed_since(start, *state, true) == 0);
+    CHECK(changed_since(start, *state, false) > 0);
+    for (std::size_t i = 0; i < state->size(); i += 3) CHECK(state->statistics.views[i] == 0);
+  }
+  CHECK(difference(cpu.set.position, gpu.set.position) <= 1e-4);
+}
+
 TEST_CASE("densification makes the same decisions as on the CPU") {
   HyperParameters parameters = *preset_hyper_parameters("fast");
   for (const DensifyStep step :
        {DensifyStep::kGrow, DensifyStep::kReplace, DensifyStep::kRelocate}) {
-    for (const int max_primitives : {5200, 20000}) {
+    for (const auto& [max_primitives, with_fixed] :
+         {std::pair{5200, false}, {20000, false}, {5200, true}}) {
       DensifyContext context{2.0f, true, max_primitives == 20000, 11, {}, {{0, 0, 0}, 0.5f}};
       context.free_space.count = 1;
       context.free_space.views[0] = {
@@ -302,8 +351,11 @@ TEST_CASE("densification makes the same decisions as on the CPU") {
       INFO("step " << static_cast<int>(step) << ", at most " << max_primitives);
       parameters.max_primitives = max_primitives;
       const DensifyInput input{&parameters, context, step, step == DensifyStep::kGrow};
-      TrainState cpu = state_before_densification(), gpu = cpu;
-      CHECK(densify_both(cpu, gpu, input).non_finite == 6);
+      TrainState cpu = state_before_densification();
+      if (with_fixed) fix_every_third(cpu);
+      TrainState gpu = cpu;
+      CHECK(densify_both(cpu, gpu, input).non_finite == (with_fixed ? 4 : 6));
+      CHECK(cpu.count_fixed() == gpu.count_fixed());
       for (int a = 0; a < kAttributes; ++a) {
         INFO(kAttributeNames[a]);
         CHECK(cpu.moments[a].first == gpu.moments[a].first);

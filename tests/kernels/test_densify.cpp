@@ -267,6 +267,40 @@ TEST_CASE("replacement keeps the number of primitives and clones the highest sco
   CHECK(math::opacity_of(state.set.opacity_logit[20]) == Approx(1 - std::sqrt(0.5f)));
 }
 
+TEST_CASE("densification leaves fixed primitives as they are") {
+  for (const int kind : {0, 1, 2}) {
+    TrainState state = random_train_state(60, 7);
+    HyperParameters parameters;
+    parameters.max_primitives = 1000;
+    parameters.growth_limit = parameters.replace_limit = 1.0;
+    for (std::size_t i = 0; i < state.size(); ++i) {
+      state.set.opacity_logit[i] = i % 4 < 2 ? -9.0f : 0.0f;  // a removal, if it is not fixed
+      state.statistics.views[i] = 1;
+      state.statistics.gradient_sum[i] = state.statistics.abs_gradient_sum[i] = 1.0f;
+      state.statistics.error_max[i] = i % 2 == 0 ? 0.0f : 1.0f;
+      state.updates[i] = i % 2 == 0 ? kFixed : 5;
+    }
+    const Gaussians4D before = state.set;
+    const DensifyCounts counts = kind == 0   ? grow(state, parameters, {})
+                                 : kind == 1 ? replace(state, parameters, {})
+                                             : relocate(state, parameters, {});
+    if (kind == 0) reset_opacity(state, densify_rules(parameters, {}));
+    INFO(kind);
+    CHECK(state.count_fixed() == 30);
+    CHECK(counts.removed == (kind == 0 ? 15 : 0));
+    CHECK(counts.replaced == (kind == 0 ? 0 : 15));
+    std::size_t found = 0;
+    for (std::size_t i = 0; i < state.size(); ++i) {
+      if (!state.is_fixed(i)) continue;
+      // Their order stays.
+      CHECK(state.set.opacity_logit[i] == before.opacity_logit[2 * found]);
+      CHECK(state.set.position[3 * i] == before.position[3 * 2 * found]);
+      CHECK(state.set.log_scale[3 * i] == before.log_scale[3 * 2 * found]);
+      ++found;
+    }
+  }
+}
+
 TEST_CASE("the score prefers short-lived, fast primitives at equal error and opacity") {
   TrainState state = random_train_state(3, 8);
   std::fill(state.set.opacity_logit.begin(), state.set.opacity_logit.end(), 0.0f);

@@ -116,9 +116,9 @@ TEST_CASE("gradients of the regularisers match finite differences of their loss"
   const auto difference = [&](float& value) {
     const float before = value, step = 1e-2f;
     value = before + step;
-    const double high = cpu::regularisation_loss(state.set, frame, input);
+    const double high = cpu::regularisation_loss(state.set, state.updates, frame, input);
     value = before - step;
-    const double low = cpu::regularisation_loss(state.set, frame, input);
+    const double low = cpu::regularisation_loss(state.set, state.updates, frame, input);
     value = before;
     return (high - low) / (2 * step);
   };

@@ -3,6 +3,7 @@
 // trains the others with quantisation in the loop, so that the decoded scene is the trained one.
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
 
 #include "pack/most_important.h"
@@ -87,10 +88,14 @@ Status Trainer::choose_size() {
   const double limit = byte_limit(settings_, capture_.time_base, capture_.frames);
   if (limit == 0) return {};
   STGS_ASSIGN(const std::vector<float> importance, pruning_importance());
+  std::vector<std::uint32_t> trained;  // fixed primitives are in the file of another window
   Scene scene;
   scene.metadata.frames = static_cast<std::uint32_t>(capture_.frames);
-  scene.gaussians = state_.set;
-  scene.importance = importance;
+  for (std::size_t i = 0; i < state_.size(); ++i) {
+    if (!state_.is_fixed(i)) trained.push_back(static_cast<std::uint32_t>(i));
+  }
+  scene.gaussians = state_.set.gather(trained);
+  for (const std::uint32_t i : trained) scene.importance.push_back(importance[i]);
   const std::vector<std::uint32_t> ranked = rank_by_importance(scene);
   STGS_ASSIGN(const double all, packed_bytes(scene, ranked, 1.0, compaction.quality));
   if (all <= limit) {  // all primitives, at the greatest quality that fits
@@ -177,8 +182,13 @@ Result<std::vector<float>> Trainer::pruning_importance() {
 }
 
 Status Trainer::prune(double keep) {
-  STGS_ASSIGN(const std::vector<float> importance, pruning_importance());
-  const auto count = static_cast<std::size_t>(std::ceil(keep * static_cast<double>(state_.size())));
+  STGS_ASSIGN(std::vector<float> importance, pruning_importance());
+  const std::size_t fixed = state_.count_fixed();
+  for (std::size_t i = 0; i < state_.size(); ++i) {
+    if (state_.is_fixed(i)) importance[i] = std::numeric_limits<float>::infinity();
+  }
+  const auto count = fixed + static_cast<std::size_t>(
+                                 std::ceil(keep * static_cast<double>(state_.size() - fixed)));
   if (count < state_.size()) state_.retain(largest(importance, count));
   return backend_->begin(state_);
 }

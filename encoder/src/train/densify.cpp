@@ -49,7 +49,7 @@ std::vector<Candidate> growth_candidates(const TrainState& state, const DensifyR
   std::vector<Candidate> candidates;
   const DensifyStatistics& statistics = state.statistics;
   for (std::size_t i = 0; i < state.size(); ++i) {
-    if (statistics.views[i] == 0) continue;
+    if (statistics.views[i] == 0 || state.is_fixed(i)) continue;
     const bool split = is_split(rules, log_scale_of(state, i));
     const float urgency = growth_urgency(rules, split, statistics.gradient_sum[i],
                                          statistics.abs_gradient_sum[i], statistics.views[i]);
@@ -99,7 +99,9 @@ std::vector<std::uint32_t> list_survivors(const TrainState& state, const Densify
   std::vector<std::uint32_t> survivors;
   survivors.reserve(state.size());
   for (std::size_t i = 0; i < state.size(); ++i) {
-    if (!is_finite(state, i)) {
+    if (state.is_fixed(i)) {
+      survivors.push_back(static_cast<std::uint32_t>(i));
+    } else if (!is_finite(state, i)) {
       ++non_finite;
     } else if (survives(rules, state.set.opacity_logit[i], log_scale_of(state, i),
                         position_of(state, i)) &&
@@ -121,12 +123,12 @@ DensifyRules densify_rules(const HyperParameters& parameters, const DensifyConte
 }
 
 std::size_t max_growth(const HyperParameters& parameters, const DensifyContext& context,
-                       std::size_t present) {
+                       std::size_t present, std::size_t fixed) {
   const auto limit = static_cast<std::size_t>(std::max(parameters.max_primitives, 0));
   const std::size_t capacity = limit > present ? limit - present : 0;
   if (context.plain) return capacity;
-  return std::min(capacity,
-                  static_cast<std::size_t>(parameters.growth_limit * static_cast<double>(present)));
+  return std::min(capacity, static_cast<std::size_t>(parameters.growth_limit *
+                                                     static_cast<double>(present - fixed)));
 }
 
 std::size_t max_replacements(const HyperParameters& parameters, std::size_t surviving,
@@ -150,7 +152,7 @@ void reset_opacity(TrainState& state, const DensifyRules& rules) {
   const float cap = reset_logit(rules);
   for (std::size_t i = 0; i < state.size(); ++i) {
     float& logit = state.set.opacity_logit[i];
-    if (logit <= cap) continue;
+    if (logit <= cap || state.is_fixed(i)) continue;
     logit = cap;
     state.moments[kOpacity].first[i] = 0.0f;
     state.moments[kOpacity].second[i] = 0.0f;
@@ -169,7 +171,7 @@ DensifyCounts grow(TrainState& state, const HyperParameters& parameters,
 
   std::vector<Candidate> candidates = growth_candidates(state, rules);
   const std::size_t present = state.size();
-  retain_most_urgent(candidates, max_growth(parameters, context, present));
+  retain_most_urgent(candidates, max_growth(parameters, context, present, state.count_fixed()));
   state.resize(present + candidates.size());
   Random random(context.seed, state.iteration, RandomPurpose::kDensify);
   for (std::size_t k = 0; k < candidates.size(); ++k) {
@@ -196,7 +198,7 @@ std::vector<float> densification_scores(const TrainState& state, const HyperPara
   const std::size_t n = state.size();
   std::vector<float> scores(n);
   std::vector<float> errors = state.statistics.error_max;
-  const std::size_t rank = n - 1 - n / 100;
+  const std::size_t rank = unit_error_rank(n, state.count_fixed());
   std::nth_element(errors.begin(), errors.begin() + static_cast<std::ptrdiff_t>(rank),
                    errors.end());
   const float unit = errors[rank] > 0.0f ? 1.0f / errors[rank] : 0.0f;
@@ -225,9 +227,10 @@ DensifyCounts replace(TrainState& state, const HyperParameters& parameters,
   for (std::size_t i = 0; i < state.size(); ++i) {
     if (!survives_pruning[i]) dead.push_back(static_cast<std::uint32_t>(i));
   }
-  const std::size_t count = max_replacements(parameters, survivors.size(), dead.size());
-  const std::vector<float> scores = densification_scores(state, parameters, context.modulated);
   std::vector<std::uint32_t> best = survivors;
+  std::erase_if(best, [&state](std::uint32_t i) { return state.is_fixed(i); });
+  const std::size_t count = max_replacements(parameters, best.size(), dead.size());
+  const std::vector<float> scores = densification_scores(state, parameters, context.modulated);
   const auto by_score = [&scores](std::uint32_t a, std::uint32_t b) {
     return scores[a] != scores[b] ? scores[a] > scores[b] : a < b;
   };

@@ -27,13 +27,19 @@ struct DensifyContext {
 
 DensifyRules densify_rules(const HyperParameters& parameters, const DensifyContext& context);
 
-// Returns how many primitives one growth step may add to the `present` ones.
+// Returns how many primitives one growth step may add to the `present` ones, `fixed` of which are
+// fixed.
 std::size_t max_growth(const HyperParameters& parameters, const DensifyContext& context,
-                       std::size_t present);
+                       std::size_t present, std::size_t fixed);
 // Returns how many of the `dead` primitives one step of the second stage may replace, with
-// `surviving` ones left.
+// `surviving` ones left that are not fixed.
 std::size_t max_replacements(const HyperParameters& parameters, std::size_t surviving,
                              std::size_t dead);
+// Returns the rank of the error that counts as 1 in the score, among `n` ascending errors, of which
+// those of the `fixed` primitives are 0: the 99th percentile of the others.
+constexpr std::size_t unit_error_rank(std::size_t n, std::size_t fixed) {
+  return n - 1 - (n - fixed) / 100;
+}
 
 // First stage. Removes primitives that are nearly transparent, too large or in free space; clones
 // small ones with a large mean gradient, and splits large ones with a large absolute gradient.
@@ -46,7 +52,8 @@ DensifyCounts grow(TrainState& state, const HyperParameters& parameters,
 DensifyCounts replace(TrainState& state, const HyperParameters& parameters,
                       const DensifyContext& context);
 
-// Lists the primitives that survive pruning; counts those with non-finite values.
+// Lists the primitives that survive pruning, as all fixed ones do; counts those with non-finite
+// values.
 std::vector<std::uint32_t> list_survivors(const TrainState& state, const DensifyRules& rules,
                                           const FreeSpace& free_space, std::size_t& non_finite);
 
@@ -61,7 +68,7 @@ std::vector<float> densification_scores(const TrainState& state, const HyperPara
 // Removes primitives with a non-finite value; returns their number.
 std::size_t remove_non_finite(TrainState& state);
 
-// Caps every opacity at twice the pruning threshold, so that unneeded primitives fade out (3DGS;
+// Caps the opacities at twice the pruning threshold, so that unneeded primitives fade out (3DGS;
 // first stage only).
 void reset_opacity(TrainState& state, const DensifyRules& rules);
 

@@ -18,10 +18,10 @@ std::vector<double> cumulative_probabilities(std::span<const float> opacity_logi
                                              std::span<const std::uint32_t> survives) {
   const std::size_t n = survives.size();
   const auto opacity = [&](std::size_t i) -> double {
-    return survives[i] ? math::opacity_of(opacity_logit[i]) : 0.0;
+    return survives[i] == 1 ? math::opacity_of(opacity_logit[i]) : 0.0;
   };
   const auto gradient = [&](std::size_t i) -> double {
-    const bool known = survives[i] && views[i] > 0 && std::isfinite(gradient_sum[i]);
+    const bool known = survives[i] == 1 && views[i] > 0 && std::isfinite(gradient_sum[i]);
     return known ? gradient_sum[i] / static_cast<float>(views[i]) : 0.0;
   };
   double opacities = 0, gradients = 0;
@@ -97,7 +97,7 @@ DensifyCounts relocate(TrainState& state, const HyperParameters& parameters,
   const DensifyRules rules = densify_rules(parameters, context);
   std::vector<std::uint32_t> survives(state.size(), 0);
   for (std::uint32_t i : list_survivors(state, rules, context.free_space, counts.non_finite))
-    survives[i] = 1;
+    survives[i] = state.is_fixed(i) ? kFixedSurvivor : 1;
   const Relocation plan = plan_relocation(
       state.set.opacity_logit, state.statistics.gradient_sum, state.statistics.views, survives,
       rules.prune_opacity, Random(context.seed, state.iteration, RandomPurpose::kRelocation));

@@ -12,6 +12,9 @@
 
 namespace stgs::encoder {
 
+// Marks a fixed primitive, which is neither replaced nor a source.
+inline constexpr std::uint32_t kFixedSurvivor = 2;
+
 // The changes of one relocation, which the backends apply to their states.
 struct Relocation {
   // Primitive to[k] becomes a copy of from[k], which may occur several times.
@@ -24,9 +27,9 @@ struct Relocation {
 
 // Samples a source for every primitive that does not survive, with probability
 // O / sum(O) + g / sum(g) among the survivors; g is the mean gradient with respect to the image
-// position. All spans have one entry per primitive; `survives` is 0 or 1. Nothing is relocated if
-// none survives. Sources and copies are at least as opaque as `min_opacity`, below which they would
-// be relocated next.
+// position. All spans have one entry per primitive; `survives` is 0, 1 or kFixedSurvivor. Nothing
+// is relocated if none survives. Sources and copies are at least as opaque as `min_opacity`, below
+// which they would be relocated next.
 Relocation plan_relocation(std::span<const float> opacity_logit,
                            std::span<const float> gradient_sum,
                            std::span<const std::uint32_t> views,

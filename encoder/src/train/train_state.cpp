@@ -70,6 +70,10 @@ Gaussians4D rounded_set(const TrainState& state) {
   return out;
 }
 
+std::size_t TrainState::count_fixed() const {
+  return static_cast<std::size_t>(std::count(updates.begin(), updates.end(), kFixed));
+}
+
 void TrainState::resize(std::size_t n) {
   set.resize(n);
   velocity.resize(3 * n, 0.0f);
@@ -145,6 +149,23 @@ void TrainState::retain(const std::vector<std::uint32_t>& indices) {
   gather(statistics.abs_gradient_sum, 1);
   gather(statistics.error_max, 1);
   gather(statistics.views, 1);
+}
+
+void TrainState::append(const TrainState& from) {
+  const std::size_t first = size();
+  resize(first + from.size());
+  const auto copy = [&](const FloatArray& source, FloatArray& to, std::size_t n) {
+    std::copy(source.begin(), source.end(), to.begin() + static_cast<std::ptrdiff_t>(first * n));
+  };
+  for (int a = 0; a < kAttributes; ++a)
+    copy(from.values(a), values(a), static_cast<std::size_t>(components(a)));
+  copy(from.set.velocity, set.velocity, 3);
+  copy(from.set.sigma, set.sigma, 1);
+  if (!is_coupled()) return;
+  copy(from.set.log_scale, set.log_scale, 3);
+  copy(from.set.rotation, set.rotation, 4);
+  copy(from.velocity, velocity, 3);
+  copy(from.log_sigma, log_sigma, 1);
 }
 
 void TrainState::clear_moments(std::size_t i) {

@@ -55,6 +55,9 @@ using CameraCorrection = std::array<float, 9>;
 inline constexpr std::size_t kTurn = 0, kShift = 3, kLogFocal = 6, kDistortion = 7, kVignetting = 8;
 inline constexpr float kMaxDistortion = 0.3f, kMaxVignetting = 0.6f;  // absolute values
 
+// The updates of a fixed primitive: it is rendered, but steps and densification leave it as it is.
+inline constexpr std::uint32_t kFixed = 0xFFFFFFFF;
+
 struct CoupledParameters {
   float tick = 0;        // units of time per frame; 0: not in use, all arrays are empty
   FloatArray log_scale;  // N x 3, kLogScale
@@ -88,7 +91,7 @@ struct TrainState {
   // which scales, rotation, velocity and sigma are derived.
   CoupledParameters coupled;
   std::array<Moments, kAttributes> moments;
-  std::vector<std::uint32_t> updates;  // N, Adam steps of each primitive
+  std::vector<std::uint32_t> updates;  // N, Adam steps of each primitive, or kFixed
   DensifyStatistics statistics;
 
   CompactionState compaction;
@@ -109,6 +112,9 @@ struct TrainState {
   double mean_loss = 0;              // running mean
 
   std::size_t size() const { return log_sigma.size(); }
+  bool is_fixed(std::size_t i) const { return updates[i] == kFixed; }
+  // Returns the number of fixed primitives.
+  std::size_t count_fixed() const;
   // Returns the number of values of an attribute per primitive.
   int components(int attribute) const;
   // Returns the values of an attribute.
@@ -128,6 +134,9 @@ struct TrainState {
   // Overwrites primitive `to` with the parameters of `from`; its moments and updates restart at 0.
   void copy_parameters(std::size_t from, std::size_t to);
   void clear_moments(std::size_t i);
+  // Appends primitives that have not been trained yet; both states have the same representation and
+  // SH degree.
+  void append(const TrainState& from);
 };
 
 // Returns the set of a state that is being rounded as its views render it.

@@ -181,7 +181,7 @@ Status CpuBackend::step(const StepInput& input) {
   if (input.modulated) {
     cpu::modulation_backward(rendered(), frame_, gradients_);
   }
-  out.loss = value.loss + cpu::regularisation_loss(rendered(), frame_, input) +
+  out.loss = value.loss + cpu::regularisation_loss(rendered(), state_->updates, frame_, input) +
              input.weight_normal * out.normal + input.weight_perceptual * out.perceptual;
   out.l1 = value.l1;
   out.ssim = value.ssim;
@@ -220,6 +220,7 @@ Status CpuBackend::limit_scales(std::span<const math::PinholeCamera> cameras, fl
   parallel_blocks(std::size_t{0}, state.size(), cpu::kBlock,
                   [&](std::size_t first, std::size_t last) {
                     for (std::size_t i = first; i < last; ++i) {
+                      if (state.is_fixed(i)) continue;
                       const math::Vec3 position = raster::read3(state.set.position, i);
                       float rate = 0;
                       for (const math::PinholeCamera& camera : cameras)
@@ -241,6 +242,7 @@ void CpuBackend::update(const StepInput& input) {
                   [&](std::size_t first, std::size_t last) {
                     for (std::size_t s = first; s < last; ++s) {
                       const std::uint32_t i = frame_.splats[s].id;
+                      if (state_->is_fixed(i)) continue;
                       if (input.gather_statistics) {
                         cpu::gather_statistics(*state_, i, statistics_of(input, s));
                       }

@@ -155,6 +155,7 @@ void apply_contributions(TrainState& state, const Gaussians4D& rendered, const S
                [&](std::size_t r) { entries[r] = entries_of(views[r], state.size()); });
   parallel_blocks(std::size_t{0}, state.size(), kBlock, [&](std::size_t first, std::size_t last) {
     for (std::size_t i = first; i < last; ++i) {
+      if (state.is_fixed(i)) continue;
       Sum sum(layout);
       bool visible = false;
       for (std::size_t r = 0; r < views.size(); ++r) {

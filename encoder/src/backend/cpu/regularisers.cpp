@@ -29,12 +29,13 @@ int shortest_axis(const Gaussians4D& set, std::size_t i) {
 
 }  // namespace
 
-double regularisation_loss(const Gaussians4D& set, const SplatFrame& frame,
-                           const StepInput& input) {
+double regularisation_loss(const Gaussians4D& set, std::span<const std::uint32_t> updates,
+                           const SplatFrame& frame, const StepInput& input) {
   if (frame.splats.empty()) return 0.0;
   double lifespan = 0, opacity = 0, scale = 0;
   for (const Splat& splat : frame.splats) {
     const std::size_t i = splat.id;
+    if (updates[i] == kFixed) continue;
     lifespan += 1.0 / span_of(set, i);
     opacity += math::opacity_of(set.opacity_logit[i]) * visibility_of(set, i, input.ticks);
     scale += std::exp(set.log_scale[3 * i + shortest_axis(set, i)]);

@@ -94,8 +94,8 @@ Result<DensifyCounts> Densifier::grow(DeviceState& state, const HyperParameters&
   sort_indices(w, w.depth_keys, w.depth_sorted, w.order, totals.survivors, kAllBits, stream);
   STGS_ASSIGN(totals, read_totals(stream));
   const std::size_t present = state.primitives().n;
-  const std::size_t chosen =
-      std::min<std::size_t>(totals.candidates, max_growth(parameters, context, present));
+  const std::size_t chosen = std::min<std::size_t>(
+      totals.candidates, max_growth(parameters, context, present, state.primitives().fixed));
   launch_choose(state.primitives(), rules, w.order, static_cast<std::uint32_t>(chosen),
                 w.tile_counts, w.depth_keys, totals_.data(), stream);
   exclusive_sum(w, w.tile_counts, w.tile_offsets, present, stream);
@@ -124,8 +124,8 @@ Result<DensifyCounts> Densifier::replace(DeviceState& state, const HyperParamete
   sort_indices(w, errors, w.depth_sorted, w.order, p.n, kAllBits, stream);
   const ScoreRules score{parameters.score_error, parameters.score_opacity,
                          parameters.score_lifespan};
-  launch_scores(p, score, context.modulated, w.tile_counts, w.depth_sorted + (p.n - 1 - p.n / 100),
-                w.depth_keys, stream);
+  launch_scores(p, score, context.modulated, w.tile_counts,
+                w.depth_sorted + unit_error_rank(p.n, p.fixed), w.depth_keys, stream);
   sort_indices(w, w.depth_keys, w.depth_sorted, w.order, p.n, kAllBits, stream);
   auto* dead = reinterpret_cast<std::uint32_t*>(w.ranges);
   launch_invert(p.n, w.tile_counts, stream);
@@ -133,7 +133,8 @@ Result<DensifyCounts> Densifier::replace(DeviceState& state, const HyperParamete
   launch_list(p.n, w.tile_counts, 1, w.tile_offsets, dead, stream);
   STGS_ASSIGN(const DensifyTotals totals, read_totals(stream));
   counts.non_finite = totals.non_finite;
-  counts.replaced = max_replacements(parameters, totals.survivors, p.n - totals.survivors);
+  counts.replaced =
+      max_replacements(parameters, totals.survivors - p.fixed, p.n - totals.survivors);
   launch_replace(p, w.order, dead, static_cast<std::uint32_t>(counts.replaced),
                  {context.seed, iteration}, stream);
   STGS_TRY(cuda_status(cudaGetLastError(), "replacing primitives"));
@@ -149,13 +150,17 @@ Result<DensifyCounts> Densifier::relocate(DeviceState& state, const HyperParamet
   STGS_TRY(clear_totals(stream));
   const DensifyRules rules = densify_rules(parameters, context);
   launch_mark_survivors(p, rules, context.free_space, w.tile_counts, totals_.data(), stream);
-  std::vector<std::uint32_t> survives(p.n), views(p.n);
+  std::vector<std::uint32_t> survives(p.n), views(p.n), updates(p.n);
   std::vector<float> logits(p.n), gradients(p.n);
   STGS_TRY(read_array(w.tile_counts, survives, stream));
   STGS_TRY(read_array(p.views, views, stream));
+  STGS_TRY(read_array(p.updates, updates, stream));
   STGS_TRY(read_array(p.values[kOpacity], logits, stream));
   STGS_TRY(read_array(p.gradient_sum, gradients, stream));
   STGS_ASSIGN(const DensifyTotals totals, read_totals(stream));
+  for (std::size_t i = 0; i < p.n; ++i) {
+    if (updates[i] == kFixed) survives[i] = kFixedSurvivor;
+  }
   const Relocation plan =
       plan_relocation(logits, gradients, views, survives, rules.prune_opacity,
                       Random(context.seed, iteration, RandomPurpose::kRelocation));

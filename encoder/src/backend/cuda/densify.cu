@@ -54,11 +54,12 @@ __device__ void add(std::uint32_t* total, bool one) {
 __global__ void mark_survivors(const Primitives p, const DensifyRules rules, const FreeSpace space,
                                std::uint32_t* flags, DensifyTotals* totals) {
   const std::uint32_t i = thread_index();
-  const bool valid = i < p.n && is_finite(p, i);
-  const bool survivor = valid &&
-                        survives(rules, p.values[kOpacity][i], read3(p.log_scale, i),
-                                 read3(p.values[kPosition], i)) &&
-                        !in_free_space(space, read3(p.values[kPosition], i));
+  const bool fixed = i < p.n && p.updates[i] == kFixed;
+  const bool valid = fixed || (i < p.n && is_finite(p, i));
+  const bool survivor = fixed || (valid &&
+                                  survives(rules, p.values[kOpacity][i], read3(p.log_scale, i),
+                                           read3(p.values[kPosition], i)) &&
+                                  !in_free_space(space, read3(p.values[kPosition], i)));
   if (i < p.n) flags[i] = survivor;
   add(&totals->survivors, survivor);
   add(&totals->non_finite, i < p.n && !valid);
@@ -85,7 +86,7 @@ __global__ void urgency(const Primitives p, const DensifyRules rules, std::uint3
                         DensifyTotals* totals) {
   const std::uint32_t i = thread_index();
   std::uint32_t key = 0xFFFFFFFFu;
-  if (i < p.n && p.views[i] > 0) {
+  if (i < p.n && p.views[i] > 0 && p.updates[i] != kFixed) {
     const bool split = is_split(rules, read3(p.log_scale, i));
     const float u =
         growth_urgency(rules, split, p.gradient_sum[i], p.abs_gradient_sum[i], p.views[i]);
@@ -196,7 +197,7 @@ __global__ void scores(const Primitives p, const ScoreRules rules, bool modulate
   const float f = modulated ? lifespan_modulation(p.sigma[i], p.values[kRadius][i]) : 1.0f;
   const float score =
       densification_score(rules, p.error_max[i], unit, p.values[kOpacity][i], read3(p.v, i), f);
-  keys[i] = survivors[i] ? ~ordered_bits(score) : 0xFFFFFFFFu;
+  keys[i] = survivors[i] && p.updates[i] != kFixed ? ~ordered_bits(score) : 0xFFFFFFFFu;
 }
 
 __global__ void replace(const Primitives p, const std::uint32_t* order, const std::uint32_t* dead,
@@ -230,7 +231,7 @@ __global__ void copy_sources(const Primitives p, const RelocationArrays plan, Ra
 __global__ void reset_opacity(const Primitives p, float cap) {
   const std::uint32_t i = thread_index();
   if (i >= p.n) return;
-  if (p.values[kOpacity][i] <= cap) return;
+  if (p.values[kOpacity][i] <= cap || p.updates[i] == kFixed) return;
   p.values[kOpacity][i] = cap;
   p.first[kOpacity][i] = p.second[kOpacity][i] = 0.0f;
 }

@@ -168,6 +168,7 @@ Status DeviceState::upload(const TrainState& state, cudaStream_t stream) {
   STGS_TRY(
       reserve(std::max(state.size(), capacity_), state.set.sh_coefficients(), state.is_coupled()));
   primitives_.tick = state.coupled.tick;
+  primitives_.fixed = static_cast<std::uint32_t>(state.count_fixed());
   resize(state.size());
   // The const_cast is safe, because the arrays are only read.
   const std::vector<std::uint32_t*> host = host_arrays(const_cast<TrainState&>(state));

@@ -64,6 +64,7 @@ struct Primitives {
   float* v = nullptr;                    // N x 3
   float tick = 0;                        // CoupledParameters::tick; 0: not in use
   std::uint32_t* updates = nullptr;
+  std::uint32_t fixed = 0;        // number of fixed primitives (kFixed)
   float* gradient_sum = nullptr;  // DensifyStatistics
   float* abs_gradient_sum = nullptr;
   float* error_max = nullptr;

@@ -13,7 +13,7 @@ constexpr int kBlock = 256;
 __global__ void __launch_bounds__(kBlock)
     limit(const Primitives p, const PinholeCamera* cameras, std::uint32_t count, float pixels) {
   const std::uint32_t i = blockIdx.x * kBlock + threadIdx.x;
-  if (i >= p.n) return;
+  if (i >= p.n || p.updates[i] == kFixed) return;
   const Vec3 position = read3(p.values[kPosition], i);
   float rate = 0.0f;
   for (std::uint32_t c = 0; c < count; ++c) rate = fmaxf(rate, sampling_rate(cameras[c], position));

@@ -196,7 +196,7 @@ __global__ void __launch_bounds__(kUpdateBlock, kCoupled ? 4 : 6)
   const std::uint32_t i = blockIdx.x * kUpdateBlock + threadIdx.x;
   float* stage = stages + threadIdx.x * kFields;
   float* warp_stage = stages + 32 * warp * kFields;
-  const bool own = i < p.n && w.depth_keys[i] != kInvisible;
+  const bool own = i < p.n && w.depth_keys[i] != kInvisible && p.updates[i] != kFixed;
   const unsigned visible = __ballot_sync(kAllLanes, own);
   if constexpr (kShared) {
     if (i < p.n) rank_rows(blocks, blocks.own)[kVisibleRow * blocks.stride + i] = own ? 1.0f : 0.0f;
