@@ -38,7 +38,8 @@ Status load_and_write(const std::string& folder, const PrepareSettings& settings
   prepared.folder = out;
   const auto log = [](int, const std::string&) {};
   STGS_ASSIGN(const auto plans, plan_frames(source, settings, prepared, log));
-  return write_frames(source, plans, prepared, {});
+  OpenVideos videos;
+  return write_frames(source, plans, prepared, videos, {});
 }
 
 TEST_CASE("a gap in the numbered images is named, even if all cameras have the same number") {

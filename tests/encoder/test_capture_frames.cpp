@@ -112,7 +112,8 @@ Status write(const std::string& folder, const PrepareSettings& settings, const s
   STGS_ASSIGN(const SourceCapture source, load(folder, settings));
   STGS_ASSIGN(const auto plans,
               plan_frames(source, settings, prepared, [](int, const std::string&) {}));
-  return write_frames(source, plans, prepared, {});
+  OpenVideos videos;
+  return write_frames(source, plans, prepared, videos, {});
 }
 
 TEST_CASE("the selected frames of videos are written, scaled") {

@@ -77,7 +77,8 @@ TEST_CASE("panoptic: cameras, the train/test split and masks are read") {
   prepared.folder = folder / "out";
   const auto plans = plan_frames(*capture, settings, prepared, [](int, const std::string&) {});
   REQUIRE(plans.ok());
-  REQUIRE(write_frames(*capture, *plans, prepared, {}).ok());
+  OpenVideos videos;
+  REQUIRE(write_frames(*capture, *plans, prepared, videos, {}).ok());
   CHECK(prepared.frame_extension == "jpg");
   const auto size = [](const std::string& path) { return fs::file_size(path); };
   CHECK(size(prepared.frame_path(prepared.cameras[2], 1)) == size(folder / "ims/2/000001.jpg"));

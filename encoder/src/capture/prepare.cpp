@@ -22,6 +22,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr double kWindowSeconds = 2;
+
 // Creates the missing parents of a path. The destructor deletes each of them that is empty.
 class Parents {
  public:
@@ -80,19 +82,8 @@ Status check_target(const std::string& capture, const std::string& folder, bool 
   return {};
 }
 
-Status prepare_into(const std::string& capture, const std::string& folder,
-                    const PrepareSettings& settings, const ProgressSink& progress,
-                    const LogSink& log) {
-  STGS_ASSIGN(const SourceCapture source, load_source(capture, settings, progress, log));
-  PreparedCapture prepared;
-  prepared.folder = folder;
-  prepared.source = layout_name(source.layout);
-  prepared.metric = source.metric;
-  STGS_ASSIGN(const std::vector<CameraPlan> plans, plan_frames(source, settings, prepared, log));
-  log(2, fmt::format("{}: {}, frames {}:{}", capture, plural(prepared.cameras.size(), "camera"),
-                     prepared.first_frame, prepared.first_frame + prepared.frames));
-  if (settings.accept) STGS_TRY(settings.accept(prepared));
-  STGS_TRY(write_frames(source, plans, prepared, progress));
+InitSettings init_settings(const std::string& capture, const SourceCapture& source,
+                           const PrepareSettings& settings) {
   InitSettings init;
   init.name = capture;
   init.trust_calibration = settings.trust_calibration;
@@ -104,8 +95,7 @@ Status prepare_into(const std::string& capture, const std::string& folder,
   init.flow_folder = source.flow_folder;
   init.flow_files = source.files;
   init.points = source.points;
-  STGS_TRY(initialise(prepared, init, progress, log));
-  return write_prepared_capture(prepared);
+  return init;
 }
 
 // Makes OpenCV single-threaded in the whole process: our loops around its calls use all threads.
@@ -120,36 +110,143 @@ class SerialOpenCv {
   const int before_;
 };
 
+class Preparer final : public WindowPreparer {
+ public:
+  Preparer(std::string capture, PrepareSettings settings)
+      : capture_(std::move(capture)), settings_(std::move(settings)) {}
+
+  Status open(int window, const ProgressSink& progress, const LogSink& log) {
+    STGS_ASSIGN(source_, load_source(capture_, settings_, progress, log));
+    complete_.source = layout_name(source_.layout);
+    complete_.metric = source_.metric;
+    STGS_ASSIGN(plans_, plan_frames(source_, settings_, complete_, log));
+    log(2, fmt::format("{}: {}, frames {}:{}", capture_, plural(complete_.cameras.size(), "camera"),
+                       complete_.first_frame, complete_.first_frame + complete_.frames));
+    if (window == kAutomaticWindow) {
+      const double ticks = complete_.time_base.ticks(kWindowSeconds);
+      window = complete_.frames > kMaxWholeFrames ? std::max(1, static_cast<int>(ticks)) : 0;
+    }
+    windows_ = cut_into_windows(complete_.frames, window);
+    if (windows_.size() > 1 && !settings_.separate_motion) {
+      return usage_error(
+          "{}: windows need dynamic points, which --no-split disables; remove one of the options",
+          capture_);
+    }
+    return settings_.accept ? settings_.accept(complete_) : Status();
+  }
+
+  const std::vector<FrameSpan>& windows() const override { return windows_; }
+
+  Status prepare(std::size_t index, const std::string& folder, const ProgressSink& progress,
+                 const LogSink& log) override {
+    const LogSink log_or_none = log ? log : [](int, const std::string&) {};
+    return guarded_by_target(folder, log_or_none, [&](const std::string& work) -> Status {
+      if (index > 0 && !findings_) {
+        log_or_none(2, fmt::format("{}: analysing the first window again", capture_));
+        STGS_TRY(prepare_window(0, work + "/first", progress, log_or_none));
+        fs::remove_all(work + "/first");
+      }
+      return prepare_window(index, work + "/prepared", progress, log_or_none);
+    });
+  }
+
+ private:
+  // Runs `task` with a work folder, whose folder "prepared" then becomes the target.
+  Status guarded_by_target(const std::string& folder, const LogSink& log,
+                           const std::function<Status(const std::string& work)>& task) {
+    try {
+      const SerialOpenCv serial;
+      const std::string target = (fs::path(folder) / "").parent_path().string();
+      STGS_TRY(check_target(capture_, target, settings_.overwrite));
+      const Parents parents(target);
+      STGS_TRY(parents.created(target));
+      OutputLock lock;
+      STGS_TRY(lock.take(target));
+      // Again: before the lock was taken another prepare may have finished.
+      STGS_TRY(check_target(capture_, target, settings_.overwrite));
+      clear_leftovers(target, log);
+      WorkFolder work;
+      STGS_TRY(work.create(target));
+      STGS_TRY(task(work.path()));
+      return replace_folder(work.path() + "/prepared", target, settings_.overwrite);
+    } catch (const fs::filesystem_error& error) {
+      return io_error("{}: {}", error.path1().string(), error.code().message());
+    } catch (const std::exception& error) {
+      return runtime_error("{}: {}", capture_, error.what());
+    }
+  }
+
+  Status prepare_window(std::size_t index, const std::string& folder, const ProgressSink& progress,
+                        const LogSink& log) {
+    fs::create_directory(folder);
+    PreparedCapture window = complete_;
+    window.folder = folder;
+    window.first_frame += windows_[index].begin;
+    window.frames = windows_[index].size();
+    STGS_TRY(write_frames(source_, plans_, window, videos_, progress));
+    const InitSettings init = init_settings(capture_, source_, settings_);
+    STGS_TRY(index == 0 ? initialise(window, init, progress, log, &findings_)
+                        : initialise_later(window, init, *findings_, progress, log));
+    return write_prepared_capture(window);
+  }
+
+  const std::string capture_;
+  const PrepareSettings settings_;
+  SourceCapture source_;
+  PreparedCapture complete_;  // without bounds
+  std::vector<CameraPlan> plans_;
+  std::vector<FrameSpan> windows_;
+  OpenVideos videos_;
+  std::shared_ptr<const StaticFindings> findings_;  // of the first window
+};
+
 }  // namespace
 
-Status prepare(const std::string& capture, const std::string& folder,
-               const PrepareSettings& settings, const ProgressSink& progress, const LogSink& log) {
+std::vector<FrameSpan> cut_into_windows(int frames, int length) {
+  std::vector<FrameSpan> out;
+  for (int begin = 0; begin < frames;) {
+    const int rest = frames - begin;
+    const int size = length == 0 || rest < length + (length + 1) / 2 ? rest : length;
+    out.push_back({begin, begin + size});
+    begin += size;
+  }
+  return out;
+}
+
+Result<std::unique_ptr<WindowPreparer>> WindowPreparer::open(const std::string& capture,
+                                                             const PrepareSettings& settings,
+                                                             int window,
+                                                             const ProgressSink& progress,
+                                                             const LogSink& log) {
   STGS_TRY(check(settings));
   // Report an unavailable backend now, even if the rig turns out to need no stereo.
   if (settings.backend != "auto") STGS_TRY(geometry::make_matcher(settings.backend, {}).status());
   const LogSink log_or_none = log ? log : [](int, const std::string&) {};
   try {
     const SerialOpenCv serial;
-    const std::string target = (fs::path(folder) / "").parent_path().string();
-    STGS_TRY(check_target(capture, target, settings.overwrite));
-    const Parents parents(target);
-    STGS_TRY(parents.created(target));
-    OutputLock lock;
-    STGS_TRY(lock.take(target));
-    // Again: before the lock was taken another prepare may have finished.
-    STGS_TRY(check_target(capture, target, settings.overwrite));
-    clear_leftovers(target, log_or_none);
-    WorkFolder work;
-    STGS_TRY(work.create(target));
-    const std::string made = work.path() + "/prepared";
-    fs::create_directory(made);
-    STGS_TRY(prepare_into(capture, made, settings, progress, log_or_none));
-    return replace_folder(made, target, settings.overwrite);
+    auto preparer = std::make_unique<Preparer>(capture, settings);
+    STGS_TRY(preparer->open(window, progress, log_or_none));
+    return std::unique_ptr<WindowPreparer>(std::move(preparer));
   } catch (const fs::filesystem_error& error) {
     return io_error("{}: {}", error.path1().string(), error.code().message());
   } catch (const std::exception& error) {
     return runtime_error("{}: {}", capture, error.what());
   }
+}
+
+Status prepare(const std::string& capture, const std::string& folder,
+               const PrepareSettings& settings, const ProgressSink& progress, const LogSink& log) {
+  STGS_TRY(check(settings));
+  try {
+    // Before the capture is read.
+    const std::string target = (fs::path(folder) / "").parent_path().string();
+    STGS_TRY(check_target(capture, target, settings.overwrite));
+  } catch (const fs::filesystem_error& error) {
+    return io_error("{}: {}", error.path1().string(), error.code().message());
+  }
+  STGS_ASSIGN(const std::unique_ptr<WindowPreparer> preparer,
+              WindowPreparer::open(capture, settings, 0, progress, log));
+  return preparer->prepare(0, folder, progress, log);
 }
 
 }  // namespace stgs::encoder

@@ -165,9 +165,9 @@ struct Step {
 
 // Writes all frames of a camera, in batches. A batch of video frames is decoded in order; then all
 // threads undistort, encode and write its frames.
-void write_camera(const CameraJob& job, std::size_t index, Counter& counter, FirstError& error) {
-  std::unique_ptr<VideoReader> video;
-  if (!job.source.video.empty()) {
+void write_camera(const CameraJob& job, std::size_t index, std::unique_ptr<VideoReader>& video,
+                  Counter& counter, FirstError& error) {
+  if (!video && !job.source.video.empty()) {
     Result<std::unique_ptr<VideoReader>> opened =
         VideoReader::open(job.files, job.source, job.capture.first_frame);
     if (!opened.ok()) return error.set(opened.status(), index, 0);
@@ -209,7 +209,13 @@ void write_camera(const CameraJob& job, std::size_t index, Counter& counter, Fir
 }  // namespace
 
 Status write_frames(const SourceCapture& source, const std::vector<CameraPlan>& plans,
-                    const PreparedCapture& capture, const ProgressSink& progress) {
+                    const PreparedCapture& capture, OpenVideos& videos,
+                    const ProgressSink& progress) {
+  if (videos.readers.empty() || videos.next_frame != capture.first_frame) {
+    videos.readers.clear();
+    videos.readers.resize(plans.size());
+  }
+  videos.next_frame = capture.first_frame + capture.frames;
   for (std::size_t i = 0; i < plans.size(); ++i) {
     const Camera& camera = capture.cameras[i];
     fs::create_directories(fs::path(capture.frame_path(camera, 0)).parent_path());
@@ -225,7 +231,7 @@ Status write_frames(const SourceCapture& source, const std::vector<CameraPlan>& 
       const FrameMapping mapping(plans[i]);
       const CameraJob job{*source.files, source.cameras[i], plans[i],
                           mapping,       capture,           capture.cameras[i]};
-      write_camera(job, i, counter, error);
+      write_camera(job, i, videos.readers[i], counter, error);
     });
     return error.status();
   }));

@@ -2,7 +2,11 @@
 // Writes the frames and the given masks of a prepared capture.
 #pragma once
 
+#include <memory>
+#include <vector>
+
 #include "camera_plan.h"
+#include "frame_reader.h"
 #include "source_capture.h"
 
 namespace stgs::encoder {
@@ -18,9 +22,17 @@ Result<std::vector<CameraPlan>> plan_frames(const SourceCapture& source,
                                             const PrepareSettings& settings,
                                             PreparedCapture& capture, const LogSink& log);
 
+// The videos of a capture while their frames are written range by range, one after the other.
+struct OpenVideos {
+  std::vector<std::unique_ptr<VideoReader>> readers;  // per camera; null: not opened
+  int next_frame = 0;                                 // of the source
+};
+
 // Writes frames/ and the given masks/ to capture.folder, on all threads.
-// Frames are copied byte for byte if no camera needs a change.
+// Frames are copied byte for byte if no camera needs a change. `videos`: those of an earlier call,
+// which continue if the frames follow. Do not use them after an error.
 Status write_frames(const SourceCapture& source, const std::vector<CameraPlan>& plans,
-                    const PreparedCapture& capture, const ProgressSink& progress);
+                    const PreparedCapture& capture, OpenVideos& videos,
+                    const ProgressSink& progress);
 
 }  // namespace stgs::encoder

@@ -2,15 +2,12 @@
 #include "init/init.h"
 
 #include <algorithm>
-#include <atomic>
-#include <chrono>
 #include <cmath>
-#include <future>
 
 #include "init/bounds.h"
 #include "init/calibration_check.h"
-#include "init/colmap_points.h"
 #include "init/dynamic_points.h"
+#include "init/features.h"
 #include "init/motion.h"
 #include "init/report.h"
 #include "init/static_points.h"
@@ -20,13 +17,18 @@
 #include "plural.h"
 
 namespace stgs::encoder {
+
+struct StaticFindings {
+  std::vector<std::string> agreeing;  // names of the cameras, in order
+  init::StaticScene scene;            // of these views
+  PreparedCapture bounds;             // its near_plane, extent, scene_centre and scene_radius
+};
+
 namespace {
 
 using namespace init;
 
 constexpr int kMotionMaxSide = 640;      // longer side of the images in motion detection, pixels
-constexpr int kColmapViews = 12;         // more views add little, and time grows with their square
-constexpr int kColmapSeconds = 120;      // limit per step of COLMAP
 constexpr std::size_t kMinAgreeing = 3;  // with fewer views there is no stereo
 
 // Data passed between the stages.
@@ -48,10 +50,9 @@ struct State {
   ChosenVelocities velocities{};
   std::vector<InitialPoint> static_points{}, dynamic_points{};
   std::vector<Finding> findings{};
-  std::size_t too_near = 0;            // points removed in front of the near plane
-  std::atomic<bool> abandoned{false};  // the features are no longer needed
-  // Declared last, so that its destructor joins the thread before the other members are destroyed.
-  std::future<Result<std::vector<SurfacePoint>>> features{};
+  std::size_t too_near = 0;  // points removed in front of the near plane
+  bool with_statics = true;  // false: a later window
+  FeatureSearch features{};  // last, because its thread uses the members above
 };
 
 int static_limit(const State& state) {
@@ -165,61 +166,9 @@ Result<std::vector<SurfacePoint>> given_points(State& state) {
   return points;
 }
 
-// Starts the triangulation of the features of frame 0 in parallel with the following stages. COLMAP
-// is optional: without it the initial points are only less accurate.
-void start_features(State& state) {
-  if (!state.settings.use_colmap || state.agreeing.size() < 2) return;
-  if (!colmap_installed()) {
-    state.work.log("features: skipped (COLMAP is not installed)", 1);
-    return;
-  }
-  state.features = std::async(std::launch::async, [&state] {
-    Result<std::vector<SurfacePoint>> points{std::vector<SurfacePoint>{}};
-    const Status status = guarded("colmap", [&]() -> Status {
-      STGS_ASSIGN(points,
-                  colmap_points(state.capture, state.agreeing, kColmapViews,
-                                state.settings.separate_motion, kColmapSeconds, state.abandoned));
-      return {};
-    });
-    return status.ok() ? points : Result<std::vector<SurfacePoint>>{status};
-  });
-}
-
-Result<std::vector<SurfacePoint>> feature_points(State& state) {
-  std::vector<SurfacePoint> points;
-  if (!state.features.valid()) return points;
-  state.work.stage("features");
-  const auto ready = [&]() -> Status {
-    while (state.features.wait_for(std::chrono::milliseconds(50)) != std::future_status::ready) {
-      STGS_TRY(state.work.check());
-    }
-    return {};
-  };
-  STGS_TRY(state.work.wait_for(ready));
-  const auto found = state.features.get();
-  if (!found.ok()) {
-    state.work.log(fmt::format("features: none ({})", found.status().message()), 1);
-    return points;
-  }
-  // A point outside the measured depth range in every view is a mismatch.
-  for (const SurfacePoint& point : *found) {
-    const bool plausible =
-        std::any_of(state.agreeing.begin(), state.agreeing.end(), [&](const View& view) {
-          const Pixel p = project(view, point.position);
-          return p.inside && p.depth > state.scene.range.nearest &&
-                 p.depth < state.scene.range.farthest;
-        });
-    if (plausible) points.push_back(point);
-  }
-  state.work.log(found->empty()
-                     ? fmt::format("features: none (COLMAP found no matches between {} views)",
-                                   std::min(kColmapViews, int(state.agreeing.size())))
-                     : fmt::format("features: {} points triangulated by COLMAP", points.size()));
-  return points;
-}
-
 Status choose_static(State& state) {
-  STGS_ASSIGN(std::vector<SurfacePoint> sparse, feature_points(state));
+  STGS_ASSIGN(std::vector<SurfacePoint> sparse,
+              state.features.points(state.agreeing, state.scene.range, state.work));
   state.work.stage("static points");
   STGS_ASSIGN(const std::vector<SurfacePoint> given, given_points(state));
   sparse.insert(sparse.end(), given.begin(), given.end());
@@ -265,14 +214,19 @@ Status find_velocities(State& state) {
 
 void collect_points(State& state) {
   const cv::Vec3d zero(0, 0, 0);
-  for (const SurfacePoint& point : state.scene.points) {
-    state.static_points.push_back(initial_point(point, zero, -1));
+  if (state.with_statics) {
+    for (const SurfacePoint& point : state.scene.points)
+      state.static_points.push_back(initial_point(point, zero, -1));
   }
   for (std::size_t f = 0; f < state.frames.size(); ++f) {
     for (std::size_t i = 0; i < state.frames[f].points.size(); ++i) {
       state.dynamic_points.push_back(
           initial_point(state.frames[f].points[i], state.velocities.frames[f][i], int(f)));
     }
+  }
+  if (!state.with_statics) {
+    drop_too_near(state.agreeing, state.capture.near_plane, &state.dynamic_points);
+    return;
   }
   std::vector<InitialPoint> all = state.static_points;
   all.insert(all.end(), state.dynamic_points.begin(), state.dynamic_points.end());
@@ -313,6 +267,17 @@ ReportFacts facts_of(const State& state) {
   return facts;
 }
 
+Status write_all_points(const State& state) {
+  const std::string& folder = state.capture.folder;
+  STGS_TRY(write_points(folder + "/points_static.ply", state.static_points));
+  return write_points(folder + "/points_dynamic.ply", state.dynamic_points);
+}
+
+void log_timings(const State& state) {
+  for (const auto& [stage, seconds] : state.work.timings())
+    state.work.log(fmt::format("{}: {:.1f} s", stage, seconds), 3);
+}
+
 Status run(State& state) {
   state.views = training_views(state.capture, kMotionMaxSide);
   if (state.views.empty()) {
@@ -324,7 +289,8 @@ Status run(State& state) {
   if (state.settings.separate_motion)
     STGS_TRY(check_timing(state.capture, state.views, state.calibration, state.work, &state.late));
   select_agreeing(state);
-  start_features(state);
+  if (state.settings.use_colmap)
+    state.features.start(state.capture, state.agreeing, state.settings.separate_motion, state.work);
   STGS_TRY(find_static(state));
   if (state.settings.separate_motion) {
     STGS_TRY(find_dynamic(state));
@@ -336,28 +302,69 @@ Status run(State& state) {
                                    state.masked, state.scene.points);
   for (const Finding& f : state.findings)
     if (!f.is_logged) state.work.log(fmt::format("{}; {}", f.text, f.remedy), 1);
-  const std::string& folder = state.capture.folder;
-  STGS_TRY(write_points(folder + "/points_static.ply", state.static_points));
-  STGS_TRY(write_points(folder + "/points_dynamic.ply", state.dynamic_points));
+  STGS_TRY(write_all_points(state));
   if (state.settings.write_report) {
     state.work.stage("report");
     STGS_TRY(write_report(state.capture, state.views, state.scene, state.motion,
                           state.static_points, state.dynamic_points, facts_of(state)));
   }
-  for (const auto& [stage, seconds] : state.work.timings()) {
-    state.work.log(fmt::format("{}: {:.1f} s", stage, seconds), 3);
+  log_timings(state);
+  return {};
+}
+
+void set_bounds_from(const PreparedCapture& from, PreparedCapture& to) {
+  to.near_plane = from.near_plane;
+  to.extent = from.extent;
+  to.scene_radius = from.scene_radius;
+  std::copy_n(from.scene_centre, 3, to.scene_centre);
+}
+
+std::shared_ptr<const StaticFindings> findings_of(const State& state) {
+  auto out = std::make_shared<StaticFindings>();
+  for (const View& view : state.agreeing) out->agreeing.push_back(view.camera->name);
+  out->scene = state.scene;
+  set_bounds_from(state.capture, out->bounds);
+  return out;
+}
+
+Status run_later(State& state, const StaticFindings& findings) {
+  state.with_statics = false;
+  state.views = training_views(state.capture, kMotionMaxSide);
+  STGS_TRY(find_all_motion(state));
+  for (std::size_t i = 0; i < state.views.size(); ++i) {
+    const std::string& name = state.views[i].camera->name;
+    if (std::find(findings.agreeing.begin(), findings.agreeing.end(), name) ==
+        findings.agreeing.end())
+      continue;
+    state.agreeing.push_back(state.views[i]);
+    state.agreeing_motion.push_back(state.motion[i]);
   }
+  state.scene = findings.scene;
+  set_bounds_from(findings.bounds, state.capture);
+  STGS_TRY(find_dynamic(state));
+  STGS_TRY(find_velocities(state));
+  collect_points(state);
+  STGS_TRY(write_all_points(state));
+  log_timings(state);
   return {};
 }
 
 }  // namespace
 
 Status initialise(PreparedCapture& capture, const InitSettings& settings,
-                  const ProgressSink& progress, const LogSink& log) {
+                  const ProgressSink& progress, const LogSink& log,
+                  std::shared_ptr<const StaticFindings>* findings) {
   State state{capture, settings, Work(progress, log)};
-  Status status = guarded("initialisation", [&] { return run(state); });
-  state.abandoned = true;
+  const Status status = guarded("initialisation", [&] { return run(state); });
+  if (status.ok() && findings != nullptr) *findings = findings_of(state);
   return status;
+}
+
+Status initialise_later(PreparedCapture& capture, const InitSettings& settings,
+                        const StaticFindings& findings, const ProgressSink& progress,
+                        const LogSink& log) {
+  State state{capture, settings, Work(progress, log)};
+  return guarded("initialisation", [&] { return run_later(state, findings); });
 }
 
 }  // namespace stgs::encoder

@@ -36,13 +36,24 @@ struct InitSettings {
   bool write_report = true;
 };
 
+// What the first window of a long capture leaves for later ones: the cameras that points come from,
+// the depth of static content, and the bounds.
+struct StaticFindings;
+
 // Computes the initial points of `capture`. Reads frames/ and existing masks/ of the training
 // cameras; test cameras are never read. Writes the missing masks, points_static.ply,
 // points_dynamic.ply and report/. Sets near_plane, extent, scene_centre and scene_radius; the
 // caller writes capture.json. Runs on all threads; the result does not depend on their number. A
 // capture without motion gets no dynamic points. Errors: an unreadable frame (with camera and
-// frame), an unwritable folder, a cancelled run (kRuntime).
+// frame), an unwritable folder, a cancelled run (kRuntime). `findings` may be null.
 Status initialise(PreparedCapture& capture, const InitSettings& settings,
-                  const ProgressSink& progress, const LogSink& log);
+                  const ProgressSink& progress, const LogSink& log,
+                  std::shared_ptr<const StaticFindings>* findings = nullptr);
+
+// The same for a later window of the capture, which gets masks, dynamic points and the bounds of
+// the first window. There are neither static points nor a report.
+Status initialise_later(PreparedCapture& capture, const InitSettings& settings,
+                        const StaticFindings& findings, const ProgressSink& progress,
+                        const LogSink& log);
 
 }  // namespace stgs::encoder

@@ -4,6 +4,7 @@
 
 #include <array>
 #include <functional>
+#include <memory>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -68,6 +69,45 @@ struct PrepareParameters {
     STGS_VISIT(visit, max_static_points, 1, 1e9, "Maximum number of static initial points", "",
                "a choice by image size");
   }
+};
+
+// A range of frames [begin, end).
+struct FrameSpan {
+  int begin = 0, end = 0;
+  int size() const { return end - begin; }
+  bool operator==(const FrameSpan&) const = default;
+};
+
+// Let WindowPreparer choose the windows: two seconds each if there are more than kMaxWholeFrames
+// frames, else a single one.
+inline constexpr int kAutomaticWindow = -1;
+inline constexpr int kMaxWholeFrames = 300;
+
+// Cuts [0, frames) into windows of `length` frames. The last one is up to half as long again, or
+// shorter, but not by more than half. length 0: one window.
+std::vector<FrameSpan> cut_into_windows(int frames, int length);
+
+// Prepares a capture one window of time after the other, so that the disk holds only one. One
+// thread at a time.
+class WindowPreparer {
+ public:
+  // Reads the description of the capture, and calls settings.accept with all its frames. `capture`
+  // and `settings` as in prepare(). `window`: frames of a window; 0: the complete capture is one;
+  // or kAutomaticWindow.
+  static Result<std::unique_ptr<WindowPreparer>> open(const std::string& capture,
+                                                      const PrepareSettings& settings, int window,
+                                                      const ProgressSink& progress,
+                                                      const LogSink& log);
+  virtual ~WindowPreparer() = default;
+  // Returns the windows, in frames of the capture.
+  virtual const std::vector<FrameSpan>& windows() const = 0;
+  // Prepares window `index` into `folder`, which appears complete or not at all. The first window
+  // is a complete prepared capture. A later one has no static points, which belong to the
+  // persistent set, and the bounds of the first; if that was not prepared by this object, it is
+  // analysed again. Prepare windows in ascending order: others decode the videos from the
+  // beginning.
+  virtual Status prepare(std::size_t index, const std::string& folder, const ProgressSink& progress,
+                         const LogSink& log) = 0;
 };
 
 // Prepares the folder `capture` into `folder`. The target appears complete or not at all.

@@ -12,18 +12,13 @@
 #include <string>
 #include <vector>
 
+#include "stgs/encoder/prepare.h"
 #include "stgs/encoder/prepared_capture.h"
 #include "stgs/encoder/train.h"
 #include "stgs/format/scene_file.h"
 #include "stgs/format/status.h"
 
 namespace stgs::encoder {
-
-struct FrameSpan {
-  int begin = 0, end = 0;  // [begin, end)
-  int size() const { return end - begin; }
-  bool operator==(const FrameSpan&) const = default;
-};
 
 // Cuts [0, frames) into windows of `length` frames, each of which shares `overlap` frames with the
 // next. The last window has the same length and may share more. Returns a single window if the

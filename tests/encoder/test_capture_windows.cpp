@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: Apache-2.0
+// Captures that are prepared window by window.
+#include "capture_fixture.h"
+#include "catch.h"
+#include "stgs/encoder/prepare.h"
+
+namespace stgs::encoder::capture_test {
+namespace {
+
+using Spans = std::vector<FrameSpan>;
+
+std::unique_ptr<WindowPreparer> open(const std::string& capture, const PrepareSettings& settings,
+                                     int window) {
+  auto preparer = WindowPreparer::open(capture, settings, window, {}, {});
+  INFO(preparer.status().message());
+  REQUIRE(preparer.ok());
+  return std::move(*preparer);
+}
+
+PreparedCapture prepared(WindowPreparer& preparer, std::size_t index, const std::string& folder) {
+  const Status status = preparer.prepare(index, folder, {}, {});
+  INFO(status.message());
+  REQUIRE(status.ok());
+  auto capture = read_prepared_capture(folder);
+  REQUIRE(capture.ok());
+  return std::move(*capture);
+}
+
+std::string bytes_of(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+}  // namespace
+
+TEST_CASE("captures are cut into windows of similar length") {
+  CHECK(cut_into_windows(10, 0) == Spans{{0, 10}});
+  CHECK(cut_into_windows(10, 20) == Spans{{0, 10}});
+  CHECK(cut_into_windows(20, 10) == Spans{{0, 10}, {10, 20}});
+  CHECK(cut_into_windows(24, 10) == Spans{{0, 10}, {10, 24}});
+  CHECK(cut_into_windows(25, 10) == Spans{{0, 10}, {10, 20}, {20, 25}});
+  CHECK(cut_into_windows(3, 1) == Spans{{0, 1}, {1, 2}, {2, 3}});
+}
+
+TEST_CASE("windows have the frames of the capture and the bounds of the first window") {
+  const TemporaryFolder folder;
+  write_n3dv(folder / "in", 4, 9);
+  PrepareSettings settings;
+  REQUIRE(prepare(folder / "in", folder / "whole", settings, {}, {}).ok());
+  const auto whole = read_prepared_capture(folder / "whole");
+  REQUIRE(whole.ok());
+
+  const auto in_order = open(folder / "in", settings, 4);
+  CHECK(in_order->windows() == Spans{{0, 4}, {4, 9}});
+  const PreparedCapture first = prepared(*in_order, 0, folder / "first");
+  const PreparedCapture second = prepared(*in_order, 1, folder / "second");
+  CHECK(first.frames == 4);
+  CHECK(second.first_frame == 4);
+  CHECK(second.frames == 5);
+  CHECK(second.near_plane == first.near_plane);
+  CHECK(second.extent == first.extent);
+  CHECK(second.scene_radius == first.scene_radius);
+  CHECK_FALSE(read_points(folder / "first/points_static.ply")->empty());
+  CHECK(read_points(folder / "second/points_static.ply")->empty());
+  CHECK_FALSE(fs::exists(folder / "second/report"));
+  for (int f = 0; f < 5; ++f) {
+    CHECK(load_frame(second, second.cameras[1], f)->data ==
+          load_frame(*whole, whole->cameras[1], 4 + f)->data);
+    CHECK(has_mask(second, second.cameras[1], f));
+  }
+
+  // Another object analyses the first window again, and finds the same.
+  const auto alone = open(folder / "in", settings, 4);
+  CHECK(prepared(*alone, 1, folder / "alone").scene_radius == first.scene_radius);
+  for (const char* name : {"points_dynamic.ply", "frames/cam01/000004.png", "capture.json"})
+    CHECK(bytes_of(folder / "alone/" + name) == bytes_of(folder / "second/" + name));
+}
+
+TEST_CASE("windows are chosen by the length of the capture, and need dynamic points") {
+  const TemporaryFolder folder;
+  write_n3dv(folder / "in", 3, 6);
+  PrepareSettings settings;
+  CHECK(open(folder / "in", settings, kAutomaticWindow)->windows() == Spans{{0, 6}});
+  settings.separate_motion = false;
+  CHECK(open(folder / "in", settings, 0)->windows().size() == 1);
+  const Status status = WindowPreparer::open(folder / "in", settings, 2, {}, {}).status();
+  CHECK(status.code() == StatusCode::kUsage);
+  CHECK(status.message().find("--no-split") != std::string::npos);
+}
+
+}  // namespace stgs::encoder::capture_test
