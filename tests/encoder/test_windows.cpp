@@ -6,13 +6,12 @@
 #include <set>
 
 #include "catch.h"
+#include "fixtures/played_psnr.h"
 #include "fixtures/synthetic_capture.h"
 #include "fixtures/train_run.h"
-#include "stgs/encoder/metrics.h"
 #include "stgs/encoder/pack.h"
 #include "stgs/encoder/train.h"
 #include "stgs/encoder/windows.h"
-#include "stgs/player/renderer.h"
 #include "train/initial_state.h"
 
 using namespace stgs;
@@ -28,35 +27,6 @@ Scene trained(const PreparedCapture& capture, int iterations) {
   INFO(scene.status().message());
   REQUIRE(scene.ok());
   return std::move(*scene);
-}
-
-// PSNR of each frame of a file, rendered by the player, against the capture's held-out camera.
-std::vector<double> psnr_by_frame(const std::string& path, const PreparedCapture& capture) {
-  auto timeline = player::Timeline::open(path);
-  INFO(timeline.status().message());
-  REQUIRE(timeline.ok());
-  auto renderer = player::make_renderer("cpu");
-  REQUIRE(renderer.ok());
-  std::vector<double> out;
-  for (int f = 0; f < capture.frames; ++f) {
-    std::vector<player::Frame> rendered;
-    const float* b = (*timeline)->metadata().background;
-    const player::View view{capture.cameras.front().pinhole(capture.near_plane),
-                            {b[0], b[1], b[2]}};
-    const double seconds = capture.time_base.seconds(f);
-    REQUIRE((*renderer)->render(**timeline, seconds, {view}, rendered, nullptr).ok());
-    for (float& v : rendered[0].colour.data) v = std::clamp(v, 0.0f, 1.0f);
-    const Result<Image8> ground_truth = load_frame(capture, capture.cameras.front(), f);
-    REQUIRE(ground_truth.ok());
-    out.push_back(psnr_of(mean_squared_error(rendered[0].colour, to_float(*ground_truth))));
-  }
-  return out;
-}
-
-double mean_of(const std::vector<double>& values) {
-  double sum = 0;
-  for (const double v : values) sum += v;
-  return sum / static_cast<double>(values.size());
 }
 
 struct Start {
@@ -214,10 +184,10 @@ TEST_CASE("merged windows match a single training in quality, also at window bou
     CHECK(std::equal(scene.metadata.background, scene.metadata.background + 3,
                      single_window.metadata.background));
     REQUIRE(write_scene(paths.back(), scene, lossless).ok());
-    separate.push_back(psnr_by_frame(paths.back(), *window));
+    separate.push_back(test::psnr_by_frame(paths.back(), *window));
   }
   REQUIRE(write_scene(folder + "one.stgs", single_window, lossless).ok());
-  const std::vector<double> single = psnr_by_frame(folder + "one.stgs", complete);
+  const std::vector<double> single = test::psnr_by_frame(folder + "one.stgs", complete);
 
   std::rotate(paths.begin(), paths.begin() + 1, paths.end());  // input order does not matter
   PackReport report;
@@ -228,7 +198,7 @@ TEST_CASE("merged windows match a single training in quality, also at window bou
   REQUIRE(packed.ok());
   REQUIRE(report.parts.size() == 3);
   const double boundaries[] = {0, 9.5, 15.5, kFrames};
-  const std::vector<double> merged = psnr_by_frame(folder + "merged.stgs", complete);
+  const std::vector<double> merged = test::psnr_by_frame(folder + "merged.stgs", complete);
   for (std::size_t p = 0; p < 3; ++p) {
     CHECK(report.parts[p].input == folder + std::to_string((*spans)[p].begin) + ".stgs");
     CHECK(report.parts[p].begin_ticks == boundaries[p]);
@@ -242,9 +212,9 @@ TEST_CASE("merged windows match a single training in quality, also at window bou
   }
   double worst = 100;
   for (const std::size_t f : {9, 10, 15, 16}) worst = std::min(worst, merged[f]);
-  CAPTURE(mean_of(single), mean_of(merged), worst);
-  CHECK(mean_of(merged) > mean_of(single));
-  CHECK(worst > mean_of(merged) - 1.0);
+  CAPTURE(test::mean_of(single), test::mean_of(merged), worst);
+  CHECK(test::mean_of(merged) > test::mean_of(single));
+  CHECK(worst > test::mean_of(merged) - 1.0);
 }
 
 TEST_CASE("windows that do not form one capture are not merged") {

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "pack/metadata.h"
 #include "pack/rate.h"
 #include "pack/render_psnr.h"
 #include "stgs/encoder/windows.h"
@@ -91,7 +92,26 @@ Result<Scene> read_inputs(const std::vector<std::string>& paths, const ReadLimit
   return merged;
 }
 
-// Applies the settings of unit, up, floor and audio to the metadata.
+// Checks that no setting is without effect in the near-lossless profile.
+Status check_near_lossless(const PackSettings& settings) {
+  if (settings.profile != Profile::kNearLossless) return {};
+  const bool sized = settings.target_kbps > 0 || settings.target_size > 0;
+  if (settings.quality == 0 && !sized && settings.target_psnr == 0) return {};
+  return usage_error(
+      "the profile {} takes neither --quality nor a target; use it alone or with --max-error, or "
+      "use the profile {}",
+      profile_name(Profile::kNearLossless), profile_name(Profile::kQuantised));
+}
+
+Status check_numbers(const PackSettings& settings) {
+  STGS_TRY(check_profile(settings.profile));
+  STGS_TRY(check_parameters<PackParameters>(settings));
+  STGS_TRY(check_limits(settings));
+  return check_near_lossless(settings);
+}
+
+}  // namespace
+
 Status apply_metadata(const PackSettings& settings, SceneMetadata& metadata) {
   if (settings.audio) {
     metadata.audio = *settings.audio;
@@ -118,26 +138,6 @@ Status apply_metadata(const PackSettings& settings, SceneMetadata& metadata) {
   std::copy(settings.floor->begin(), settings.floor->end(), metadata.floor);
   return {};
 }
-
-// Checks that no setting is without effect in the near-lossless profile.
-Status check_near_lossless(const PackSettings& settings) {
-  if (settings.profile != Profile::kNearLossless) return {};
-  const bool sized = settings.target_kbps > 0 || settings.target_size > 0;
-  if (settings.quality == 0 && !sized && settings.target_psnr == 0) return {};
-  return usage_error(
-      "the profile {} takes neither --quality nor a target; use it alone or with --max-error, or "
-      "use the profile {}",
-      profile_name(Profile::kNearLossless), profile_name(Profile::kQuantised));
-}
-
-Status check_numbers(const PackSettings& settings) {
-  STGS_TRY(check_profile(settings.profile));
-  STGS_TRY(check_parameters<PackParameters>(settings));
-  STGS_TRY(check_limits(settings));
-  return check_near_lossless(settings);
-}
-
-}  // namespace
 
 Status check_packing(const PackSettings& settings) {
   STGS_TRY(check_numbers(settings));

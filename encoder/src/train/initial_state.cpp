@@ -81,9 +81,11 @@ void subsample(std::vector<InitialPoint>& points, std::size_t limit, Random rand
   points = std::move(selected);
 }
 
+// `present`: primitives that exist already and replace the static points.
 Result<std::vector<InitialPoint>> load_points(const PreparedCapture& capture,
                                               const HyperParameters& parameters,
-                                              const Ablation& ablation, std::uint64_t seed) {
+                                              const Ablation& ablation, std::uint64_t seed,
+                                              std::size_t present) {
   STGS_ASSIGN(InitialPoints read, read_initial_points(capture));
   std::vector<InitialPoint>& static_points = read.statics;
   std::vector<InitialPoint>& dynamic_points = read.dynamics;
@@ -100,11 +102,14 @@ Result<std::vector<InitialPoint>> load_points(const PreparedCapture& capture,
       std::fill_n(point.velocity, 3, 0.0f);
     }
   }
+  if (present > 0) static_points.clear();
   // Relocation adds none.
   const double fraction =
       ablation.densification == Densification::kRelocation ? 1.0 : kInitialFraction;
-  const auto budget =
-      std::max(std::size_t{1}, static_cast<std::size_t>(fraction * parameters.max_primitives));
+  const auto budget = std::max(
+      std::size_t{1},
+      static_cast<std::size_t>(
+          fraction * std::max(0.0, parameters.max_primitives - static_cast<double>(present))));
   const auto dynamic_budget =
       static_cast<std::size_t>(kDynamicFraction * static_cast<double>(budget));
   const std::size_t static_count =
@@ -112,7 +117,7 @@ Result<std::vector<InitialPoint>> load_points(const PreparedCapture& capture,
   subsample(dynamic_points, budget - static_count, Random(seed, 0, RandomPurpose::kInitial));
   subsample(static_points, static_count, Random(kSharedSeed, 0, RandomPurpose::kStatic));
   static_points.insert(static_points.end(), dynamic_points.begin(), dynamic_points.end());
-  if (static_points.empty()) {
+  if (static_points.empty() && present == 0) {
     return invalid_file("{}: no initial points; run 'stgs prepare' again and check its report",
                         capture.folder);
   }
@@ -168,9 +173,9 @@ void set_primitive(const InitialPoint& point, float scale, const PreparedCapture
 // Returns the initial state without its background.
 Result<TrainState> initial_points_state(const PreparedCapture& capture,
                                         const HyperParameters& parameters, const Ablation& ablation,
-                                        std::uint64_t seed) {
+                                        std::uint64_t seed, std::size_t present = 0) {
   STGS_ASSIGN(const std::vector<InitialPoint> points,
-              load_points(capture, parameters, ablation, seed));
+              load_points(capture, parameters, ablation, seed, present));
   std::map<int, std::vector<std::uint32_t>> by_frame;
   for (std::size_t i = 0; i < points.size(); ++i) {
     by_frame[points[i].frame].push_back(static_cast<std::uint32_t>(i));
@@ -224,7 +229,15 @@ bool remove_far(const Vicinity& vicinity, TrainState& state) {
 }  // namespace
 
 Result<TrainState> initial_state(const PreparedCapture& capture, const HyperParameters& parameters,
-                                 const Ablation& ablation, std::uint64_t seed) {
+                                 const Ablation& ablation, std::uint64_t seed,
+                                 const TrainState* persistent) {
+  if (persistent != nullptr && persistent->size() > 0) {
+    STGS_ASSIGN(const TrainState fresh,
+                initial_points_state(capture, parameters, ablation, seed, persistent->size()));
+    TrainState state = *persistent;
+    state.append(fresh);
+    return state;
+  }
   STGS_ASSIGN(TrainState state, initial_points_state(capture, parameters, ablation, seed));
   if (parameters.seen_background != 0 && !capture.mask_background) {
     // For the complete capture and with the shared seed, so that all windows have the same.

@@ -45,9 +45,11 @@ Trainer::Trainer(const PreparedCapture& capture, const TrainSettings& settings,
 
 Result<std::unique_ptr<Trainer>> Trainer::create(const PreparedCapture& capture,
                                                  const TrainSettings& settings,
+                                                 const PersistentSet* persistent,
                                                  const ProgressSink& progress, const LogSink& log) {
   STGS_TRY(check_frame_files(capture, capture.cameras));
   std::unique_ptr<Trainer> trainer(new Trainer(capture, settings, progress, log));
+  trainer->persistent_ = persistent;
   if (settings.foreground) {
     STGS_TRY(check_masks(capture));
     trainer->capture_.mask_background = kMaskBackground;
@@ -74,7 +76,8 @@ Result<std::unique_ptr<Trainer>> Trainer::create(const PreparedCapture& capture,
 Status Trainer::prepare_state() {
   STGS_TRY(prepare_priors());
   if (settings_.resume.empty()) {
-    STGS_ASSIGN(state_, initial_state(capture_, growth_, ablation_, settings_.seed));
+    STGS_ASSIGN(state_, initial_state(capture_, growth_, ablation_, settings_.seed,
+                                      persistent_ == nullptr ? nullptr : persistent_->state()));
   } else {
     STGS_TRY(resume());
   }

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "backend/backend.h"
+#include "stgs/encoder/persistent_set.h"
 #include "stgs/encoder/train.h"
 #include "train/fingerprint.h"
 #include "train/hyper_parameters.h"
@@ -25,14 +26,18 @@ namespace stgs::encoder {
 class Trainer {
  public:
   // Loads the state and the images, and reserves the backend's memory.
+  // `persistent`: not null for a window of a longer capture; not owned.
   static Result<std::unique_ptr<Trainer>> create(const PreparedCapture& capture,
                                                  const TrainSettings& settings,
+                                                 const PersistentSet* persistent,
                                                  const ProgressSink& progress, const LogSink& log);
 
   // Runs to the end. If the progress sink cancels, writes a checkpoint and returns kRuntime.
   Status run();
   // Returns the trained scene. Call after run(). Only rank 0's scene has importances.
   Result<Scene> scene();
+  // Replaces the persistent set of a window with that for the next window. Call before scene().
+  void find_persistent(PersistentSet& set);
   // Returns the report of the run so far.
   TrainReport report() const;
 
@@ -143,6 +148,8 @@ class Trainer {
   bool score_held_out();
   int evaluations_due() const;
 
+  const PersistentSet* persistent_ = nullptr;  // null: not a window of a longer capture
+  std::vector<std::uint32_t> stored_;          // in the set for the first time, ascending
   PreparedCapture capture_;
   Fingerprint image_fingerprint_;  // when the run began
   TrainSettings settings_;

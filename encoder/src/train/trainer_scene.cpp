@@ -11,6 +11,7 @@
 
 #include "train/camera_refinement.h"
 #include "train/compute_importance.h"
+#include "train/persistence.h"
 #include "train/start_camera.h"
 #include "train/trainer.h"
 
@@ -49,6 +50,24 @@ Result<std::vector<float>> Trainer::importance() {
                        state_.iteration, resume_hint());
 }
 
+void Trainer::find_persistent(PersistentSet& set) {
+  const std::vector<std::uint32_t> persistent = list_persistent(state_, capture_.frames);
+  std::vector<std::uint32_t> found;
+  for (const std::uint32_t i : persistent) {
+    if (state_.is_fixed(i)) continue;
+    persist(state_, i, capture_.frames);
+    found.push_back(i);
+  }
+  const std::size_t fixed = persistent.size() - found.size();
+  const bool store =
+      static_cast<double>(found.size()) >= kMinStoredShare * static_cast<double>(fixed);
+  log_(2, fmt::format("persistent set: {} primitives, and {} static ones that are {}", fixed,
+                      found.size(), store ? "added" : "not added yet"));
+  set = PersistentSet(
+      std::make_shared<const TrainState>(persistent_state(state_, persistent, store)));
+  if (store) stored_ = std::move(found);
+}
+
 Result<Scene> Trainer::scene() {
   Scene scene;
   scene.gaussians = state_.set;
@@ -71,6 +90,7 @@ Result<Scene> Trainer::scene() {
   std::copy_n(&state_.background.x, 3, metadata.background);
   metadata.start_camera = start_camera(capture_.training_cameras());
   metadata.generator = "stgs " STGS_VERSION;
+  if (persistent_ != nullptr) split_window(state_, stored_, scene);
   return scene;
 }
 
@@ -93,11 +113,13 @@ TrainReport Trainer::report() const {
 }
 
 Result<Scene> train(const PreparedCapture& capture, const TrainSettings& settings,
-                    const ProgressSink& progress, const LogSink& log, TrainReport* report) {
+                    const ProgressSink& progress, const LogSink& log, TrainReport* report,
+                    PersistentSet* persistent) {
   try {
     STGS_ASSIGN(const std::unique_ptr<Trainer> trainer,
-                Trainer::create(capture, settings, progress, log));
+                Trainer::create(capture, settings, persistent, progress, log));
     STGS_TRY(trainer->run());
+    if (persistent != nullptr) trainer->find_persistent(*persistent);
     Result<Scene> scene = trainer->scene();
     if (scene.ok() && report != nullptr) *report = trainer->report();
     return scene;

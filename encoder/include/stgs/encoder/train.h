@@ -18,6 +18,8 @@
 
 namespace stgs::encoder {
 
+class PersistentSet;
+
 // TrainParameters describes the numbers.
 struct TrainSettings {
   std::string preset = "default";  // fast, default or best
@@ -138,8 +140,14 @@ struct TrainReport {
 
 // Trains and returns the lossless scene. With several ranks, only rank 0's scene has importances.
 // A cancelled run writes its checkpoint first and returns kRuntime.
+//
+// `persistent`: not null for a window of a longer capture, with the set that the window before has
+// left. The window renders the stored primitives of the set and does not change them. Its scene has
+// two parts, which lack those: the primitives that end with the window, then those that it adds to
+// the stored ones. The set becomes that for the next window.
 Result<Scene> train(const PreparedCapture& capture, const TrainSettings& settings,
-                    const ProgressSink& progress, const LogSink& log, TrainReport* report);
+                    const ProgressSink& progress, const LogSink& log, TrainReport* report,
+                    PersistentSet* persistent = nullptr);
 
 // Lists the backends that this build can train with, whether or not the machine supports them.
 std::vector<std::string> train_backends();

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+// The persistent content of a long capture: static primitives that are trained in the window of
+// time that first shows them, stored once, and displayed from then on. Later windows render them
+// unchanged.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <utility>
+
+#include "stgs/format/status.h"
+
+namespace stgs::encoder {
+
+struct TrainState;
+
+// A value: what a window leaves for the next one. Copies share the content, which does not change;
+// thread-safe.
+class PersistentSet {
+ public:
+  // That of the first window: nothing.
+  PersistentSet() = default;
+  // See persistent_state() (train/persistence.h).
+  explicit PersistentSet(std::shared_ptr<const TrainState> state) : state_(std::move(state)) {}
+
+  // Reads a set. kIo, or kInvalidFile for a damaged or another file.
+  static Result<PersistentSet> read(const std::string& path);
+  // Writes to a temporary name, then renames. kIo on failure.
+  Status write(const std::string& path) const;
+
+  // Returns null before the first window.
+  const TrainState* state() const { return state_.get(); }
+  // Returns the number of stored primitives.
+  std::size_t size() const;
+
+ private:
+  std::shared_ptr<const TrainState> state_;
+};
+
+}  // namespace stgs::encoder

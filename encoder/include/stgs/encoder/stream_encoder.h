@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+// Encodes a capture of any length, one window of time after the other.
+//
+// The first window trains all content of its frames. Its static content becomes the persistent set
+// (persistent_set.h), which is stored once and displayed until the capture ends. A later window
+// renders this set unchanged and trains only what it adds; static content that it uncovers joins
+// the set. Memory depends on a window, not on the capture.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "stgs/encoder/pack.h"
+#include "stgs/encoder/persistent_set.h"
+#include "stgs/encoder/prepared_capture.h"
+#include "stgs/encoder/progress.h"
+#include "stgs/encoder/train.h"
+#include "stgs/format/scene_recorder.h"
+#include "stgs/format/status.h"
+
+namespace stgs::encoder {
+
+struct StreamSettings {
+  // Of each window, without checkpoint, log and ranks. `target_size` must be 0: it limits a
+  // complete file.
+  TrainSettings train;
+  double later_share = 0.5;  // iterations of a window after the first, as a fraction of its own
+  // The profile, quality, tiers, chunk, position error and metadata of the file. Limits and targets
+  // are those of `train`; `against` must be empty.
+  PackSettings pack;
+  std::string title;
+  // Describes everything else that the file depends on. A folder continues only an identical run.
+  std::string identity;
+};
+
+// An encoded window.
+struct StreamWindow {
+  int first_frame = 0, frames = 0;
+  TrainReport training;
+  std::uint64_t primitives = 0;  // added to the file
+  std::uint64_t persistent = 0;  // in the persistent set
+  std::uint64_t bytes = 0;       // added to the file
+};
+
+// One thread at a time.
+class StreamEncoder {
+ public:
+  // Starts in the folder, which exists, or resumes after the last complete window. The folder holds
+  // the recording and the persistent set, and is the caller's to remove. Errors are those of
+  // check_training() and check_packing(); kUsage if the folder belongs to another run.
+  static Result<std::unique_ptr<StreamEncoder>> open(const std::string& folder,
+                                                     const StreamSettings& settings);
+
+  // Returns the number of encoded frames: the next window begins there.
+  int frames() const;
+  // Encodes the frames that follow. `window` is a prepared capture of these frames alone, with the
+  // cameras and bounds of the first window. After an error or a cancellation the recording ends
+  // with the previous window.
+  Result<StreamWindow> encode(const PreparedCapture& window, const ProgressSink& progress,
+                              const LogSink& log);
+  // Writes the finished file, atomically. kUsage before the first window.
+  Status finish(const std::string& output);
+
+ private:
+  StreamEncoder(std::string folder, StreamSettings settings)
+      : folder_(std::move(folder)), settings_(std::move(settings)) {}
+
+  std::string recording_path() const { return folder_ + "/recording.stgs"; }
+  std::string set_path(int frames) const;
+  RecordSettings record_settings() const;
+  Status resume();
+  Status create_recording(const Scene& scene);
+  // Appends a trained window.
+  Status append(const Scene& scene, int frames);
+
+  std::string folder_;
+  StreamSettings settings_;
+  int later_iterations_ = 0;
+  PersistentSet set_;
+  std::unique_ptr<SceneRecorder> recorder_;  // null before the first window
+};
+
+}  // namespace stgs::encoder

@@ -1,0 +1,158 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stgs/encoder/stream_encoder.h"
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <utility>
+
+#include "pack/metadata.h"
+#include "stgs/encoder/windows.h"
+#include "stgs/format/damage_report.h"
+#include "stgs/format/output_file.h"
+#include "train/training_choice.h"
+
+namespace stgs::encoder {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Frames for which persistent primitives are displayed: more than a capture has (kCaptureLimits).
+constexpr std::uint32_t kPersistentFrames = 1u << 20;
+constexpr std::uint64_t kMaxIdentityBytes = 1u << 20;
+
+Result<std::string> read_text(const std::string& path) {
+  STGS_ASSIGN(const std::unique_ptr<ByteSource> file, open_file(path));
+  if (file->size() > kMaxIdentityBytes) return invalid_file("{}: damaged (too long)", path);
+  std::string text(file->size(), '\0');
+  STGS_TRY(file->read(0, {reinterpret_cast<std::uint8_t*>(text.data()), text.size()}));
+  return text;
+}
+
+// Returns the primitives of part p of a scene.
+Gaussians4D primitives_of(const Scene& scene, std::size_t p) {
+  std::size_t first = 0;
+  for (std::size_t k = 0; k < p; ++k) first += scene.parts[k].primitives;
+  std::vector<std::uint32_t> members(scene.parts[p].primitives);
+  for (std::size_t i = 0; i < members.size(); ++i)
+    members[i] = static_cast<std::uint32_t>(first + i);
+  return scene.gaussians.gather(members);
+}
+
+}  // namespace
+
+std::string StreamEncoder::set_path(int frames) const {
+  return fmt::format("{}/persistent-{:06}.set", folder_, frames);
+}
+
+RecordSettings StreamEncoder::record_settings() const {
+  RecordSettings out;
+  const PackSettings& pack = settings_.pack;
+  out.write.profile = pack.profile;
+  if (pack.quality > 0) out.write.quality = pack.quality;
+  out.write.max_error = pack.max_error;
+  out.write.tiers = pack.tiers;
+  out.write.chunk_seconds = pack.chunk_seconds;
+  return out;
+}
+
+Result<std::unique_ptr<StreamEncoder>> StreamEncoder::open(const std::string& folder,
+                                                           const StreamSettings& settings) {
+  STGS_TRY(check_training(settings.train, nullptr));
+  STGS_TRY(check_packing(settings.pack));
+  STGS_ASSIGN(const TrainingChoice choice, choose_training(settings.train));
+  STGS_ASSIGN(const std::uint64_t training, settings_id(settings.train));
+  std::unique_ptr<StreamEncoder> encoder(new StreamEncoder(folder, settings));
+  encoder->later_iterations_ = std::max(
+      1, static_cast<int>(std::lround(settings.later_share * choice.parameters.iterations)));
+  const std::string identity = fmt::format("training {:016x}\nseed {}\n{}", training,
+                                           settings.train.seed, settings.identity);
+  const std::string identity_path = folder + "/identity.txt";
+  if (!fs::exists(encoder->recording_path())) {
+    STGS_TRY(write_file_atomically(
+        identity_path, {reinterpret_cast<const std::uint8_t*>(identity.data()), identity.size()}));
+    return encoder;
+  }
+  STGS_ASSIGN(const std::string found, read_text(identity_path));
+  if (found != identity) {
+    return usage_error(
+        "{}: holds an incomplete encoding of another capture or with other settings; repeat its "
+        "command to complete it, or remove the folder",
+        folder);
+  }
+  STGS_TRY(encoder->resume());
+  return encoder;
+}
+
+Status StreamEncoder::resume() {
+  STGS_ASSIGN(recorder_, SceneRecorder::resume(recording_path(), record_settings()));
+  if (frames() == 0) return {};
+  STGS_ASSIGN(set_, PersistentSet::read(set_path(frames())));
+  return {};
+}
+
+int StreamEncoder::frames() const {
+  return recorder_ ? static_cast<int>(recorder_->frames()) : 0;
+}
+
+Result<StreamWindow> StreamEncoder::encode(const PreparedCapture& window,
+                                           const ProgressSink& progress, const LogSink& log) {
+  StreamWindow out;
+  out.first_frame = frames();
+  out.frames = window.frames;
+  TrainSettings train_settings = settings_.train;
+  if (frames() > 0) train_settings.iterations = later_iterations_;
+  PersistentSet set = set_;
+  STGS_ASSIGN(const Scene scene, train(window, train_settings, progress, log, &out.training, &set));
+  if (!recorder_) STGS_TRY(create_recording(scene));
+  const std::uint64_t bytes = recorder_->bytes(), primitives = recorder_->primitives();
+  // Before the fragment, so that the set of each fragment exists.
+  const int before = frames(), after = before + window.frames;
+  STGS_TRY(set.write(set_path(after)));
+  STGS_TRY(append(scene, window.frames));
+  set_ = std::move(set);
+  std::error_code ignored;
+  fs::remove(set_path(before), ignored);
+  out.primitives = recorder_->primitives() - primitives;
+  out.persistent = set_.size();
+  out.bytes = recorder_->bytes() - bytes;
+  return out;
+}
+
+Status StreamEncoder::create_recording(const Scene& scene) {
+  SceneMetadata metadata = scene.metadata;
+  metadata.window.reset();
+  metadata.title = settings_.title;
+  STGS_TRY(apply_metadata(settings_.pack, metadata));
+  STGS_ASSIGN(recorder_, SceneRecorder::create(recording_path(), metadata,
+                                               scene.gaussians.sh_degree, record_settings()));
+  return {};
+}
+
+Status StreamEncoder::append(const Scene& scene, int frames) {
+  const Gaussians4D moving = primitives_of(scene, 0), persistent = primitives_of(scene, 1);
+  const std::span<const float> importance = scene.importance;
+  const auto begin = static_cast<std::uint32_t>(this->frames());
+  FragmentPart parts[] = {{persistent, {}, begin + kPersistentFrames}, {moving}};
+  if (!importance.empty()) {
+    parts[0].importance = importance.subspan(moving.size());
+    parts[1].importance = importance.first(moving.size());
+  }
+  if (scene.quantisation && settings_.pack.quality == 0) {
+    for (FragmentPart& part : parts) part.quality = scene.quantisation->quality;
+    parts[1].steps = &*scene.quantisation;
+  }
+  return recorder_->append(parts, begin + static_cast<std::uint32_t>(frames));
+}
+
+Status StreamEncoder::finish(const std::string& output) {
+  if (frames() == 0) return usage_error("{}: no window has been encoded", output);
+  recorder_.reset();
+  STGS_ASSIGN(std::unique_ptr<ByteSource> recording, open_file(recording_path()));
+  DamageReport damage;
+  STGS_TRY(finalize_scene(std::move(recording), output, damage));
+  if (damage.segments == 0) return {};
+  return io_error("{}: damaged while it was written; check the disk", recording_path());
+}
+
+}  // namespace stgs::encoder

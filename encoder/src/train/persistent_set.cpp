@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stgs/encoder/persistent_set.h"
+
+#include "train/checkpoint.h"
+
+namespace stgs::encoder {
+namespace {
+
+// A set is stored like a checkpoint, with this entry alone.
+const Fingerprint& kind_of_set() {
+  static const Fingerprint kind = {{"kind", "persistent set"}};
+  return kind;
+}
+
+}  // namespace
+
+Result<PersistentSet> PersistentSet::read(const std::string& path) {
+  STGS_ASSIGN(Checkpoint file, read_checkpoint(path));
+  if (file.fingerprint != kind_of_set()) {
+    return invalid_file("{}: this is a checkpoint of 'stgs train' (expected a persistent set)",
+                        path);
+  }
+  return PersistentSet(std::make_shared<const TrainState>(std::move(file.state)));
+}
+
+Status PersistentSet::write(const std::string& path) const {
+  return write_checkpoint(path, state_ ? *state_ : TrainState(), kind_of_set());
+}
+
+std::size_t PersistentSet::size() const {
+  return state_ ? state_->count_fixed() : 0;
+}
+
+}  // namespace stgs::encoder

@@ -1,0 +1,131 @@
+// SPDX-License-Identifier: Apache-2.0
+// Captures encoded window by window: static content is stored once, and an interrupted run resumes.
+#include "stgs/encoder/stream_encoder.h"
+
+#include <filesystem>
+
+#include "catch.h"
+#include "fixtures/played_psnr.h"
+#include "fixtures/synthetic_capture.h"
+#include "fixtures/train_run.h"
+#include "stgs/encoder/windows.h"
+
+using namespace stgs;
+using namespace stgs::encoder;
+using stgs::test::SyntheticCapture;
+
+namespace {
+
+constexpr int kFrames = 18, kWindow = 6;
+
+StreamSettings settings_of(const std::string& identity = "a test") {
+  StreamSettings settings;
+  settings.train = test::short_run(240);
+  settings.later_share = 0.5;
+  settings.title = "Windows";
+  settings.identity = identity;
+  return settings;
+}
+
+std::unique_ptr<StreamEncoder> open(const std::string& folder, const StreamSettings& settings) {
+  auto encoder = StreamEncoder::open(folder, settings);
+  INFO(encoder.status().message());
+  REQUIRE(encoder.ok());
+  return std::move(*encoder);
+}
+
+StreamWindow encode_next(StreamEncoder& encoder, const PreparedCapture& complete) {
+  const int begin = encoder.frames();
+  const auto window = extract_window(complete, {begin, begin + kWindow});
+  REQUIRE(window.ok());
+  const auto encoded = encoder.encode(*window, nullptr, nullptr);
+  INFO(encoded.status().message());
+  REQUIRE(encoded.ok());
+  CHECK(encoder.frames() == begin + kWindow);
+  return *encoded;
+}
+
+std::string new_folder(const SyntheticCapture& synthetic, const std::string& name) {
+  const std::string folder = synthetic.capture.folder + "/" + name;
+  std::filesystem::create_directory(folder);
+  return folder;
+}
+
+}  // namespace
+
+TEST_CASE("windows share static content, and an interrupted encoding resumes to the same bytes") {
+  const SyntheticCapture synthetic(4, kFrames);
+  const PreparedCapture& complete = synthetic.capture;
+  const std::string once = new_folder(synthetic, "once"), twice = new_folder(synthetic, "twice");
+  const std::string output = complete.folder + "/once.stgs",
+                    again = complete.folder + "/twice.stgs";
+  std::vector<StreamWindow> windows;
+  {
+    const auto encoder = open(once, settings_of());
+    CHECK(encoder->finish(output).code() == StatusCode::kUsage);
+    while (encoder->frames() < kFrames) windows.push_back(encode_next(*encoder, complete));
+    REQUIRE(encoder->finish(output).ok());
+  }
+  REQUIRE(windows.size() == 3);
+  CHECK(windows[0].training.iterations == 240);
+  CHECK(windows[1].training.iterations == 120);
+  CHECK(windows[1].first_frame == kWindow);
+  CHECK(windows[0].persistent > 50);
+  CHECK(windows[2].persistent >= windows[0].persistent);
+  CHECK(windows[1].primitives < windows[0].primitives);
+
+  const auto scene = read_scene(output);
+  REQUIRE(scene.ok());
+  CHECK(scene->metadata.frames == kFrames);
+  CHECK(scene->metadata.title == "Windows");
+  CHECK_FALSE(scene->metadata.window);
+  CHECK(scene->parts.front().displayed_range().end > kFrames);
+  std::uint64_t lasting = 0;
+  for (const ScenePart& part : scene->parts)
+    lasting += part.displayed_range().end > kFrames ? part.primitives : 0;
+  CHECK(lasting == windows[2].persistent);
+
+  // Resumes after every window, and once before the first.
+  for (int k = 0; k < 3; ++k) {
+    (void)open(twice, settings_of());
+    encode_next(*open(twice, settings_of()), complete);
+  }
+  CHECK(StreamEncoder::open(twice, settings_of("another")).status().code() == StatusCode::kUsage);
+  StreamSettings other = settings_of();
+  other.train.seed = 5;
+  CHECK(StreamEncoder::open(twice, other).status().code() == StatusCode::kUsage);
+  REQUIRE(open(twice, settings_of())->finish(again).ok());
+  const auto bytes = [](const std::string& path) {
+    const auto file = open_file(path);
+    REQUIRE(file.ok());
+    std::vector<std::uint8_t> out((*file)->size());
+    REQUIRE((*file)->read(0, out).ok());
+    return out;
+  };
+  CHECK(bytes(output) == bytes(again));
+
+  const auto whole = train(complete, test::short_run(240), nullptr, nullptr, nullptr);
+  REQUIRE(whole.ok());
+  REQUIRE(write_scene(again, *whole, {}).ok());
+  const std::vector<double> found = test::psnr_by_frame(output, complete);
+  const std::vector<double> expected = test::psnr_by_frame(again, complete);
+  double worst = 100;  // next to the boundaries of windows
+  for (const std::size_t f : {5, 6, 11, 12}) worst = std::min(worst, found[f]);
+  CAPTURE(test::mean_of(found), test::mean_of(expected), worst);
+  CHECK(test::mean_of(found) > test::mean_of(expected) - 0.5);
+  CHECK(worst > test::mean_of(found) - 0.5);
+}
+
+TEST_CASE("a cancelled window leaves the recording as it was") {
+  const SyntheticCapture synthetic(4, kFrames);
+  const std::string folder = new_folder(synthetic, "work");
+  const auto encoder = open(folder, settings_of());
+  encode_next(*encoder, synthetic.capture);
+  const auto size = std::filesystem::file_size(folder + "/recording.stgs");
+  const auto window = extract_window(synthetic.capture, {kWindow, 2 * kWindow});
+  const auto cancel = [](const Progress& progress) { return progress.stage != "train"; };
+  CHECK(encoder->encode(*window, cancel, nullptr).status().code() == StatusCode::kRuntime);
+  CHECK(encoder->frames() == kWindow);
+  CHECK(std::filesystem::file_size(folder + "/recording.stgs") == size);
+  encode_next(*encoder, synthetic.capture);
+}
