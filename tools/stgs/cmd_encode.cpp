@@ -3,14 +3,21 @@
 #include <filesystem>
 #include <optional>
 
+#include "arguments.h"
 #include "command.h"
 #include "encode_options.h"
+#include "encode_windows.h"
 #include "end_after_signal.h"
+#include "options.h"
 #include "output_path.h"
 #include "printable.h"
 
 namespace stgs::tools {
 namespace {
+
+// The options that do not change the file. Each has a value.
+constexpr std::string_view kWithoutEffect[] = {"--keep-work", "--log-level", "--progress",
+                                               "--threads",   "--format",    "--frame-memory"};
 
 // The modification time of a file; none if it does not exist.
 using WriteTime = std::optional<std::filesystem::file_time_type>;
@@ -48,6 +55,11 @@ class Encode final : public Command {
     app.add_option("-o,--output", output_, "Output file (.stgs)")->required();
     app.add_option("--keep-work", keep_work_,
                    "Keep prepared/ and trained.stgs in this folder, also for --resume");
+    app.add_option(
+           "--window", window_,
+           "Encode windows of this many frames, one after the other; 0: all frames at once. "
+           "Default: two seconds for a capture of more than 300 frames, else 0")
+        ->check(number_between(0, 1e6));
     prepare_.declare(app);
     train_.declare(app, true);
     pack_.declare(app);
@@ -77,6 +89,14 @@ class Encode final : public Command {
     // Before the long prepare; again once the size of the images is known.
     STGS_TRY(encoder::check_training(training, nullptr));
     if (!training.resume.empty()) STGS_TRY(check_prepared());
+    std::unique_ptr<encoder::WindowPreparer> windows;
+    if (training.resume.empty()) {
+      STGS_ASSIGN(windows, open_stage(capture_, window_, prepare_, session,
+                                      [&training](const encoder::PreparedCapture& capture) {
+                                        return encoder::check_training(training, &capture);
+                                      }));
+      if (windows->windows().size() > 1) return encode_all(*windows, training, session);
+    }
     WorkFolder folder;
     if (keep_work_.empty()) STGS_TRY(folder.create(output_));
     const std::string work = keep_work_.empty() ? folder.path() : keep_work_;
@@ -93,7 +113,7 @@ class Encode final : public Command {
       const double then = std::exchange(begin, now_seconds());
       return begin - then;
     };
-    STGS_TRY(prepare_or_resume(prepared, training, session));
+    STGS_TRY(prepare_or_resume(windows.get(), prepared, training, session));
     seconds[0] = lap();
     STGS_ASSIGN(const auto capture, encoder::read_prepared_capture(prepared));
     const WriteTime checkpoint_before = write_time(training.checkpoint);
@@ -138,16 +158,53 @@ class Encode final : public Command {
         prepared);
   }
 
-  Status prepare_or_resume(const std::string& prepared, const encoder::TrainSettings& training,
-                           Session& session) const {
-    const auto fits = [&training](const encoder::PreparedCapture& capture) {
-      return encoder::check_training(training, &capture);
-    };
-    if (training.resume.empty()) return prepare_stage(capture_, prepared, prepare_, session, fits);
+  // Encodes the windows of a long capture.
+  Status encode_all(encoder::WindowPreparer& windows, const encoder::TrainSettings& training,
+                    Session& session) const {
+    if (!training.checkpoint.empty() || !training.log_path.empty() || !train_.report().empty() ||
+        training.target_size > 0) {
+      return usage_error(
+          "{}: --checkpoint, --log, --report and --target-size need all frames at once, but the "
+          "capture is encoded in windows; remove them, or use --window 0 (an interrupted run "
+          "continues by itself)",
+          capture_);
+    }
+    encoder::StreamSettings settings;
+    settings.train = training;
+    settings.pack = pack_.settings();
+    settings.pack.target_kbps = settings.pack.target_psnr = 0;  // the windows are trained for it
+    settings.title = train_.title();
+    settings.identity = identity_of(windows, session);
+    const std::string work = keep_work_.empty() ? output_ + ".work" : keep_work_;
+    return encode_windows(windows, settings, work, !keep_work_.empty(), output_, session);
+  }
+
+  // Returns a description of all inputs of the run.
+  std::string identity_of(const encoder::WindowPreparer& windows, const Session& session) const {
+    std::string text = fmt::format("capture {}\nframes {}\nwindow {}\n",
+                                   std::filesystem::absolute(capture_).lexically_normal().string(),
+                                   windows.windows().back().end, windows.windows().front().end);
+    bool is_value = false;  // of an option without effect on the file
+    for (const std::string& argument : session.arguments) {
+      const bool ignored = std::any_of(
+          std::begin(kWithoutEffect), std::end(kWithoutEffect),
+          [&](std::string_view option) { return std::string_view(argument).starts_with(option); });
+      if (!ignored && !is_value) text += argument + "\n";
+      is_value = ignored && argument.find('=') == std::string::npos;
+    }
+    return text;
+  }
+
+  Status prepare_or_resume(encoder::WindowPreparer* windows, const std::string& prepared,
+                           const encoder::TrainSettings& training, Session& session) const {
+    if (windows != nullptr) {
+      const EndAfterSignal end(session, prepared + ": not written");
+      return windows->prepare(0, prepared, session.progress_sink(), session.log_sink());
+    }
     STGS_ASSIGN(const auto capture, encoder::read_prepared_capture(prepared));
     session.log(2,
                 fmt::format("{}: resuming from it; {} is not prepared again", prepared, capture_));
-    return fits(capture);
+    return encoder::check_training(training, &capture);
   }
 
   // Adds the command that resumes to the status of an interrupted training.
@@ -185,6 +242,7 @@ class Encode final : public Command {
   }
 
   std::string capture_, output_, keep_work_;
+  int window_ = encoder::kAutomaticWindow;
   PrepareOptions prepare_;
   TrainOptions train_;
   PackOptions pack_;

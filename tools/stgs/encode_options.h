@@ -91,6 +91,11 @@ Status prepare_stage(const std::string& capture, const std::string& folder,
                      const PrepareOptions& options, Session& session,
                      const std::function<Status(const encoder::PreparedCapture&)>& accept = {});
 
+// Opens the windows of `capture`, as WindowPreparer::open() does.
+Result<std::unique_ptr<encoder::WindowPreparer>> open_stage(
+    const std::string& capture, int window, const PrepareOptions& options, Session& session,
+    const std::function<Status(const encoder::PreparedCapture&)>& accept);
+
 // Returns the report of a stage, as its verb prints it.
 Json to_json(const encoder::TrainReport& report);
 Json to_json(const encoder::PackReport& report);

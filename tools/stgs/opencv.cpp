@@ -72,6 +72,14 @@ Status prepare_capture(const std::string& capture, const std::string& folder,
   return functions->prepare(capture, folder, settings, session.progress_sink(), session.log_sink());
 }
 
+Result<std::unique_ptr<encoder::WindowPreparer>> open_windows(
+    const std::string& capture, const encoder::PrepareSettings& settings, int window,
+    Session& session) {
+  STGS_ASSIGN(const OpenCvFunctions* const functions, opencv());
+  return functions->open_windows(capture, settings, window, session.progress_sink(),
+                                 session.log_sink());
+}
+
 Status check_mp4_writer() {
   return opencv().status();
 }
@@ -92,6 +100,11 @@ Status prepare_capture(const std::string& capture, const std::string&,
       "{}: this build cannot prepare captures (no OpenCV or FFmpeg); rebuild with the packages of "
       "tools/setup/packages.txt and STGS_WITH_PREPARE=ON, or prepare on another machine",
       capture);
+}
+
+Result<std::unique_ptr<encoder::WindowPreparer>> open_windows(
+    const std::string& capture, const encoder::PrepareSettings& settings, int, Session& session) {
+  return prepare_capture(capture, "", settings, session);
 }
 
 Status check_mp4_writer() {

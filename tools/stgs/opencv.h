@@ -3,6 +3,7 @@
 // build without OpenCV answers kNotBuilt.
 #pragma once
 
+#include <memory>
 #include <string>
 
 #include "session.h"
@@ -18,5 +19,10 @@ void set_up_opencv(const CommonOptions& options);
 // As encoder::prepare().
 Status prepare_capture(const std::string& capture, const std::string& folder,
                        const encoder::PrepareSettings& settings, Session& session);
+
+// As encoder::WindowPreparer::open().
+Result<std::unique_ptr<encoder::WindowPreparer>> open_windows(
+    const std::string& capture, const encoder::PrepareSettings& settings, int window,
+    Session& session);
 
 }  // namespace stgs::tools

@@ -24,6 +24,7 @@ STGS_OPENCV_SYMBOL() {
   static const OpenCvFunctions functions = {.set_up = set_up,
                                             .remove_unfinished = stgs::remove_unfinished,
                                             .prepare = stgs::encoder::prepare,
+                                            .open_windows = stgs::encoder::WindowPreparer::open,
                                             .make_mp4_writer = open_mp4_writer};
   return &functions;
 }

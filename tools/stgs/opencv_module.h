@@ -28,6 +28,10 @@ struct OpenCvFunctions {
   Status (*prepare)(const std::string& capture, const std::string& folder,
                     const encoder::PrepareSettings& settings, const encoder::ProgressSink& progress,
                     const encoder::LogSink& log) = nullptr;
+  // As encoder::WindowPreparer::open().
+  Result<std::unique_ptr<encoder::WindowPreparer>> (*open_windows)(
+      const std::string& capture, const encoder::PrepareSettings& settings, int window,
+      const encoder::ProgressSink& progress, const encoder::LogSink& log) = nullptr;
   // As make_mp4_writer().
   Result<std::unique_ptr<VideoWriter>> (*make_mp4_writer)(const std::string& path,
                                                           TimeBase time_base,

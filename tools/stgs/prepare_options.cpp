@@ -74,4 +74,12 @@ Status prepare_stage(const std::string& capture, const std::string& folder,
   return prepare_capture(capture, folder, settings, session);
 }
 
+Result<std::unique_ptr<encoder::WindowPreparer>> open_stage(
+    const std::string& capture, int window, const PrepareOptions& options, Session& session,
+    const std::function<Status(const encoder::PreparedCapture&)>& accept) {
+  STGS_ASSIGN(encoder::PrepareSettings settings, options.settings(session.options));
+  settings.accept = accept;
+  return open_windows(capture, settings, window, session);
+}
+
 }  // namespace stgs::tools

@@ -1,0 +1,144 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "encode_windows.h"
+
+#include <filesystem>
+
+#include "encode_options.h"
+#include "end_after_signal.h"
+#include "options.h"
+#include "printable.h"
+
+namespace stgs::tools {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct EncodedWindow {
+  encoder::StreamWindow window;
+  double prepare_seconds = 0, train_seconds = 0;
+};
+
+Json json_of(const EncodedWindow& encoded) {
+  const encoder::StreamWindow& window = encoded.window;
+  return {{"first_frame", window.first_frame},
+          {"frames", window.frames},
+          {"iterations", window.training.iterations},
+          {"primitives", window.primitives},
+          {"persistent", window.persistent},
+          {"bytes", window.bytes},
+          {"seconds", {{"prepare", encoded.prepare_seconds}, {"train", encoded.train_seconds}}}};
+}
+
+class WindowLoop {
+ public:
+  WindowLoop(encoder::WindowPreparer& preparer, encoder::StreamEncoder& encoder, std::string folder,
+             Session& session)
+      : preparer_(preparer), encoder_(encoder), folder_(std::move(folder)), session_(session) {}
+
+  Status run() {
+    const std::vector<encoder::FrameSpan>& windows = preparer_.windows();
+    for (std::size_t i = 0; i < windows.size(); ++i) {
+      if (windows[i].begin < encoder_.frames()) continue;
+      STGS_TRY(encode(i));
+    }
+    return {};
+  }
+
+  const std::vector<EncodedWindow>& encoded() const { return encoded_; }
+
+ private:
+  Status encode(std::size_t index) {
+    const encoder::FrameSpan& span = preparer_.windows()[index];
+    session_.log(2, fmt::format("window {} of {}: frames {}:{}", index + 1,
+                                preparer_.windows().size(), span.begin, span.end));
+    EncodedWindow out;
+    double begin = now_seconds();
+    std::error_code ignored;
+    fs::remove_all(folder_, ignored);  // of an interrupted run
+    STGS_TRY(preparer_.prepare(index, folder_, session_.progress_sink(), session_.log_sink()));
+    STGS_ASSIGN(const encoder::PreparedCapture capture, encoder::read_prepared_capture(folder_));
+    out.prepare_seconds = now_seconds() - begin;
+    begin = now_seconds();
+    STGS_ASSIGN(out.window,
+                encoder_.encode(capture, session_.progress_sink(), session_.log_sink()));
+    out.train_seconds = now_seconds() - begin;
+    fs::remove_all(folder_, ignored);
+    session_.log(
+        2, fmt::format("frames {}:{}: {} added, {} persistent, {}; prepare {:.1f} s, train "
+                       "{:.1f} s",
+                       span.begin, span.end, plural(out.window.primitives, "primitive"),
+                       out.window.persistent, human_bytes(out.window.bytes), out.prepare_seconds,
+                       out.train_seconds));
+    encoded_.push_back(std::move(out));
+    return {};
+  }
+
+  encoder::WindowPreparer& preparer_;
+  encoder::StreamEncoder& encoder_;
+  const std::string folder_;  // of the prepared window
+  Session& session_;
+  std::vector<EncodedWindow> encoded_;
+};
+
+Status print_result(const std::vector<EncodedWindow>& encoded, double pack_seconds,
+                    const std::string& output, const std::string& work, Session& session) {
+  STGS_ASSIGN(const auto reader, SceneReader::open(output));
+  const std::uint64_t primitives = reader->primitives(), bytes = reader->file_bytes();
+  const double each = static_cast<double>(bytes) / std::max(1.0, static_cast<double>(primitives));
+  double prepare = 0, train = 0;
+  Json windows = Json::array();
+  for (const EncodedWindow& window : encoded) {
+    prepare += window.prepare_seconds;
+    train += window.train_seconds;
+    windows.push_back(json_of(window));
+  }
+  const Json json = {{"output", output},
+                     {"primitives", primitives},
+                     {"bytes", bytes},
+                     {"bytes_per_primitive", each},
+                     {"seconds", {{"prepare", prepare}, {"train", train}, {"pack", pack_seconds}}},
+                     {"train", nullptr},
+                     {"pack", nullptr},
+                     {"windows", windows},
+                     {"report", nullptr},
+                     {"work", work.empty() ? Json(nullptr) : Json(work)},
+                     {"peak_memory", peak_memory()}};
+  const std::size_t persistent = encoded.empty() ? 0 : encoded.back().window.persistent;
+  return session.emit(
+      json,
+      fmt::format("{}: {} frames, {} ({} persistent), {}, {:.1f} bytes per primitive\n"
+                  "prepare {:.1f} s, train {:.1f} s ({}), finish {:.1f} s, peak memory {}\n",
+                  one_line(output), reader->metadata().frames, plural(primitives, "primitive"),
+                  persistent, human_bytes(bytes), each, prepare, train,
+                  plural(encoded.size(), "window"), pack_seconds, human_bytes(peak_memory())));
+}
+
+}  // namespace
+
+Status encode_windows(encoder::WindowPreparer& preparer, const encoder::StreamSettings& settings,
+                      const std::string& work, bool keep_work, const std::string& output,
+                      Session& session) {
+  std::error_code error;
+  fs::create_directories(work, error);
+  if (error) return io_error("{}: cannot create: {}", work, error.message());
+  STGS_TRY(session.claim_folder(work));
+  STGS_ASSIGN(const std::unique_ptr<encoder::StreamEncoder> encoder,
+              encoder::StreamEncoder::open(work, settings));
+  if (encoder->frames() > 0) {
+    session.log(2, fmt::format("{}: resuming after frame {}", work, encoder->frames()));
+  }
+  WindowLoop loop(preparer, *encoder, work + "/window", session);
+  const Status encoded = loop.run();
+  if (!encoded.ok() && interrupted()) {
+    return runtime_error("{}: incomplete; run the same command again to continue after frame {}",
+                         output, encoder->frames());
+  }
+  STGS_TRY(encoded);
+  const double begin = now_seconds();
+  STGS_TRY(encoder->finish(output));
+  if (!keep_work) fs::remove_all(work, error);
+  return print_result(loop.encoded(), now_seconds() - begin, output, keep_work ? work : "",
+                      session);
+}
+
+}  // namespace stgs::tools
