@@ -155,7 +155,7 @@ class Help(CliTest):
             "train": "--preset --iterations --max-primitives --max-seconds --resume --checkpoint "
                      "--frame-memory --frames --window --overlap --window-index --num-evals --method --ablate --set --log --report --output",
             "pack": "--quality --output",
-            "encode": "--layout --frames --preset --iterations --quality --keep-work --output",
+            "encode": "--layout --frames --window --preset --iterations --quality --keep-work --output",
             "render": "--camera --cameras --which --time --frames --size --background --side-by-side "
                       "--output",
             "evaluate": "--against --cameras --every",

@@ -43,9 +43,13 @@ class Encode final : public Command {
         "and removes it at the end; --keep-work keeps the prepared capture and the lossless\n"
         "scene. Ctrl-C stops it and leaves an existing output unchanged. --checkpoint and\n"
         "--resume require --keep-work: training resumes on the capture prepared there, and\n"
-        "--resume does not prepare it again.",
+        "--resume does not prepare it again.\n"
+        "A capture of more than 300 frames, or with --window, is encoded in windows of time that\n"
+        "share static content. It takes the memory of one window, and the same command continues\n"
+        "after the last complete window of an interrupted run, in the folder OUTPUT.work.",
         "  stgs encode capture/ -o scene.stgs\n"
         "  stgs encode capture/ -o scene.stgs --preset fast --frames 0:60 --keep-work work/\n"
+        "  stgs encode capture/ -o scene.stgs --window 60\n"
         "  stgs encode capture/ -o scene.stgs --keep-work work/ --checkpoint work/run.ckpt\n"
         "  stgs encode capture/ -o scene.stgs --keep-work work/ --resume work/run.ckpt"};
   }
@@ -228,6 +232,7 @@ class Encode final : public Command {
         {"seconds", {{"prepare", seconds[0]}, {"train", seconds[1]}, {"pack", seconds[2]}}},
         {"train", to_json(train)},
         {"pack", to_json(pack)},
+        {"windows", Json::array()},
         {"report", train_.report_json()},
         {"work", keep_work_.empty() ? Json(nullptr) : Json(keep_work_)},
         {"peak_memory", peak_memory()}};

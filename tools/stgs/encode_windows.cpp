@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "encode_windows.h"
 
+#include <atomic>
 #include <filesystem>
+#include <future>
 
 #include "encode_options.h"
 #include "end_after_signal.h"
@@ -29,17 +31,37 @@ Json json_of(const EncodedWindow& encoded) {
           {"seconds", {{"prepare", encoded.prepare_seconds}, {"train", encoded.train_seconds}}}};
 }
 
+// A window that is prepared while the one before is encoded.
+struct PreparedWindow {
+  std::string folder;
+  double seconds = 0;
+};
+
 class WindowLoop {
  public:
-  WindowLoop(encoder::WindowPreparer& preparer, encoder::StreamEncoder& encoder, std::string folder,
+  WindowLoop(encoder::WindowPreparer& preparer, encoder::StreamEncoder& encoder, std::string work,
              Session& session)
-      : preparer_(preparer), encoder_(encoder), folder_(std::move(folder)), session_(session) {}
+      : preparer_(preparer), encoder_(encoder), work_(std::move(work)), session_(session) {}
+  // Waits for the window in preparation.
+  ~WindowLoop() { stopped_ = true; }
+  WindowLoop(const WindowLoop&) = delete;
+  WindowLoop& operator=(const WindowLoop&) = delete;
 
   Status run() {
     const std::vector<encoder::FrameSpan>& windows = preparer_.windows();
-    for (std::size_t i = 0; i < windows.size(); ++i) {
-      if (windows[i].begin < encoder_.frames()) continue;
-      STGS_TRY(encode(i));
+    std::size_t i = 0;
+    while (i < windows.size() && windows[i].begin < encoder_.frames()) ++i;
+    if (i == windows.size()) return {};
+    Result<PreparedWindow> prepared = prepare(i, session_.progress_sink());
+    for (; i < windows.size(); ++i) {
+      STGS_TRY(prepared.status());
+      if (i + 1 < windows.size()) {
+        next_ = std::async(std::launch::async, [this, i] {
+          return prepare(i + 1, [this](const encoder::Progress&) { return !stopped_; });
+        });
+      }
+      STGS_TRY(encode(i, *prepared));
+      if (next_.valid()) prepared = next_.get();
     }
     return {};
   }
@@ -47,22 +69,29 @@ class WindowLoop {
   const std::vector<EncodedWindow>& encoded() const { return encoded_; }
 
  private:
-  Status encode(std::size_t index) {
+  Result<PreparedWindow> prepare(std::size_t index, const encoder::ProgressSink& progress) {
+    const double begin = now_seconds();
+    PreparedWindow out;
+    out.folder = fmt::format("{}/window-{}", work_, index % 2);
+    STGS_TRY(preparer_.prepare(index, out.folder, progress, session_.log_sink()));
+    out.seconds = now_seconds() - begin;
+    return out;
+  }
+
+  Status encode(std::size_t index, const PreparedWindow& prepared) {
     const encoder::FrameSpan& span = preparer_.windows()[index];
     session_.log(2, fmt::format("window {} of {}: frames {}:{}", index + 1,
                                 preparer_.windows().size(), span.begin, span.end));
+    const double begin = now_seconds();
     EncodedWindow out;
-    double begin = now_seconds();
-    std::error_code ignored;
-    fs::remove_all(folder_, ignored);  // of an interrupted run
-    STGS_TRY(preparer_.prepare(index, folder_, session_.progress_sink(), session_.log_sink()));
-    STGS_ASSIGN(const encoder::PreparedCapture capture, encoder::read_prepared_capture(folder_));
-    out.prepare_seconds = now_seconds() - begin;
-    begin = now_seconds();
+    out.prepare_seconds = prepared.seconds;
+    STGS_ASSIGN(const encoder::PreparedCapture capture,
+                encoder::read_prepared_capture(prepared.folder));
     STGS_ASSIGN(out.window,
                 encoder_.encode(capture, session_.progress_sink(), session_.log_sink()));
     out.train_seconds = now_seconds() - begin;
-    fs::remove_all(folder_, ignored);
+    std::error_code ignored;
+    fs::remove_all(prepared.folder, ignored);
     session_.log(
         2, fmt::format("frames {}:{}: {} added, {} persistent, {}; prepare {:.1f} s, train "
                        "{:.1f} s",
@@ -75,13 +104,27 @@ class WindowLoop {
 
   encoder::WindowPreparer& preparer_;
   encoder::StreamEncoder& encoder_;
-  const std::string folder_;  // of the prepared window
+  const std::string work_;
   Session& session_;
   std::vector<EncodedWindow> encoded_;
+  std::atomic<bool> stopped_{false};
+  std::future<Result<PreparedWindow>> next_;  // last: its destructor waits for the thread
 };
 
-Status print_result(const std::vector<EncodedWindow>& encoded, double pack_seconds,
-                    const std::string& output, const std::string& work, Session& session) {
+// Removes what killed runs have left of prepared windows, also incomplete ones.
+void remove_prepared(const std::string& work) {
+  std::error_code ignored;
+  std::vector<fs::path> found;
+  for (const auto& entry : fs::directory_iterator(work, ignored)) {
+    const std::string name = entry.path().filename().string();
+    if (name.starts_with("window-") || name.starts_with(".window-")) found.push_back(entry.path());
+  }
+  for (const fs::path& path : found) fs::remove_all(path, ignored);
+}
+
+Status print_result(const std::vector<EncodedWindow>& encoded, std::uint64_t persistent,
+                    double pack_seconds, const std::string& output, const std::string& work,
+                    Session& session) {
   STGS_ASSIGN(const auto reader, SceneReader::open(output));
   const std::uint64_t primitives = reader->primitives(), bytes = reader->file_bytes();
   const double each = static_cast<double>(bytes) / std::max(1.0, static_cast<double>(primitives));
@@ -103,7 +146,6 @@ Status print_result(const std::vector<EncodedWindow>& encoded, double pack_secon
                      {"report", nullptr},
                      {"work", work.empty() ? Json(nullptr) : Json(work)},
                      {"peak_memory", peak_memory()}};
-  const std::size_t persistent = encoded.empty() ? 0 : encoded.back().window.persistent;
   return session.emit(
       json,
       fmt::format("{}: {} frames, {} ({} persistent), {}, {:.1f} bytes per primitive\n"
@@ -122,12 +164,13 @@ Status encode_windows(encoder::WindowPreparer& preparer, const encoder::StreamSe
   fs::create_directories(work, error);
   if (error) return io_error("{}: cannot create: {}", work, error.message());
   STGS_TRY(session.claim_folder(work));
+  remove_prepared(work);
   STGS_ASSIGN(const std::unique_ptr<encoder::StreamEncoder> encoder,
               encoder::StreamEncoder::open(work, settings));
   if (encoder->frames() > 0) {
     session.log(2, fmt::format("{}: resuming after frame {}", work, encoder->frames()));
   }
-  WindowLoop loop(preparer, *encoder, work + "/window", session);
+  WindowLoop loop(preparer, *encoder, work, session);
   const Status encoded = loop.run();
   if (!encoded.ok() && interrupted()) {
     return runtime_error("{}: incomplete; run the same command again to continue after frame {}",
@@ -137,8 +180,8 @@ Status encode_windows(encoder::WindowPreparer& preparer, const encoder::StreamSe
   const double begin = now_seconds();
   STGS_TRY(encoder->finish(output));
   if (!keep_work) fs::remove_all(work, error);
-  return print_result(loop.encoded(), now_seconds() - begin, output, keep_work ? work : "",
-                      session);
+  return print_result(loop.encoded(), encoder->persistent(), now_seconds() - begin, output,
+                      keep_work ? work : "", session);
 }
 
 }  // namespace stgs::tools

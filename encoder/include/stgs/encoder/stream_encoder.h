@@ -54,6 +54,8 @@ class StreamEncoder {
 
   // Returns the number of encoded frames: the next window begins there.
   int frames() const;
+  // Returns the number of primitives in the persistent set.
+  std::uint64_t persistent() const { return set_.size(); }
   // Encodes the frames that follow. `window` is a prepared capture of these frames alone, with the
   // cameras and bounds of the first window. After an error or a cancellation the recording ends
   // with the previous window.
