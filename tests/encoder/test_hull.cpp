@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The visual hull of a ball, within bounds of any size.
+// The visual hull of a ball: its points, and the depths at which rays meet it.
 #include "init/hull.h"
 
 #include <algorithm>
 #include <cmath>
-#include <memory>
 #include <opencv2/imgproc.hpp>
 
 #include "catch.h"
@@ -16,7 +15,7 @@ using namespace stgs::encoder::init;
 namespace {
 
 constexpr int kViews = 10;
-constexpr double kRing = 4, kBall = 0.4, kSide = 0.02;
+constexpr double kRing = 4, kBall = 0.4;
 const cv::Vec3d kMiddle(0.3, -0.2, 0.1);
 
 // A view from the ring, towards the origin.
@@ -35,34 +34,28 @@ View view_at(int k) {
   return view;
 }
 
-// The silhouettes of the ball in front of a background at depth `behind` (0: none).
+// The mask of the ball.
+cv::Mat mask_in(const View& view) {
+  cv::Mat mask(view.size(), CV_8U, cv::Scalar(0));
+  for (int y = 0; y < view.height; ++y) {
+    for (int x = 0; x < view.width; ++x) {
+      const cv::Vec3d ray = cv::normalize(view.ray(x + 0.5, y + 0.5));
+      const cv::Vec3d away = kMiddle - view.centre;
+      if (cv::norm(away - away.dot(ray) * ray) < kBall) mask.at<std::uint8_t>(y, x) = 255;
+    }
+  }
+  return mask;
+}
+
+// The silhouettes of the ball in front of a background at depth `behind` (0: unknown).
 std::vector<Silhouette> silhouettes(double behind) {
   std::vector<Silhouette> out;
   for (int k = 0; k < kViews; ++k) {
     const View view = view_at(k);
-    cv::Mat mask(view.size(), CV_8U, cv::Scalar(0));
-    for (int y = 0; y < view.height; ++y) {
-      for (int x = 0; x < view.width; ++x) {
-        const cv::Vec3d ray = cv::normalize(view.ray(x + 0.5, y + 0.5));
-        const cv::Vec3d away = kMiddle - view.centre;
-        if (cv::norm(away - away.dot(ray) * ray) < kBall) mask.at<std::uint8_t>(y, x) = 255;
-      }
-    }
-    std::shared_ptr<const Backdrop> backdrop;
-    if (behind > 0) {
-      backdrop = std::make_shared<const Backdrop>(
-          make_backdrop(cv::Mat(view.size(), CV_32F, cv::Scalar(behind))));
-    }
-    out.push_back(make_silhouette(view, mask, backdrop));
+    out.push_back(
+        make_silhouette(view, mask_in(view), cv::Mat(view.size(), CV_32F, cv::Scalar(behind))));
   }
   return out;
-}
-
-// The sum of the volumes of the cells, scene units^3.
-double volume_of(const std::vector<HullCell>& cells) {
-  double sum = 0;
-  for (const HullCell& cell : cells) sum += cell.side * cell.side * cell.side;
-  return sum;
 }
 
 bool is_in_hull(const std::vector<Silhouette>& views, const cv::Vec3d& point, double nearest) {
@@ -71,91 +64,68 @@ bool is_in_hull(const std::vector<Silhouette>& views, const cv::Vec3d& point, do
   return outside[0] == 0;
 }
 
-// Whether a point is in a cell or next to one.
-bool is_near(const std::vector<HullCell>& cells, const cv::Vec3d& point) {
-  return std::any_of(cells.begin(), cells.end(), [&](const HullCell& cell) {
-    return cv::norm(point - cell.centre, cv::NORM_INF) <= cell.side;
-  });
+enum class Relation { kNotVisible, kOutside, kInside };
+
+// Where a view sees a point.
+Relation relation_of(const Silhouette& silhouette, const cv::Vec3d& point, double nearest) {
+  const Pixel pixel = project(silhouette.view, point);
+  if (!pixel.inside || pixel.depth < nearest) return Relation::kNotVisible;
+  const float hiding = silhouette.hiding.at<float>(pixel.y(), pixel.x());
+  if (pixel.depth > std::abs(hiding)) return Relation::kNotVisible;
+  return hiding < 0 ? Relation::kInside : Relation::kOutside;
 }
 
-// A view with patches of motion, of unknown and of near static surface.
-Silhouette patchy(cv::RNG& random) {
+// A view with patches of motion, of `side` pixels, and of unknown and of near static surface.
+Silhouette patchy(int side, cv::RNG& random) {
   const View view = view_at(0);
   cv::Mat mask(view.size(), CV_8U, cv::Scalar(0)), depth(view.size(), CV_32F, cv::Scalar(5));
-  for (int k = 0; k < 12; ++k) {
+  for (int i = 0; i < 12; ++i) {
     const cv::Point p(random.uniform(0, view.width), random.uniform(0, view.height));
-    const cv::Rect box = cv::Rect(p.x, p.y, 60, 60) & cv::Rect({0, 0}, view.size());
-    if (k % 3 == 0) mask(box).setTo(255);
-    if (k % 3 == 1) depth(box).setTo(0);
-    if (k % 3 == 2) depth(box).setTo(random.uniform(2.0, 6.0));
+    const cv::Rect box =
+        cv::Rect(p.x, p.y, i % 3 == 0 ? side : 60, 60) & cv::Rect({0, 0}, view.size());
+    if (i % 3 == 0) mask(box).setTo(255);
+    if (i % 3 == 1) depth(box).setTo(0);
+    if (i % 3 == 2) depth(box).setTo(random.uniform(2.0, 6.0));
   }
-  return make_silhouette(view, mask, std::make_shared<const Backdrop>(make_backdrop(depth)));
+  return make_silhouette(view, mask, depth);
 }
 
 }  // namespace
 
-TEST_CASE("cells are about the hull of a ball, however far the bounds reach") {
-  const double reach = GENERATE(1.5, 30.0, 400.0);
-  const double behind = GENERATE(0.0, 9.0);
-  const Box bounds{cv::Vec3d::all(-reach), cv::Vec3d::all(1.1 * reach)};
-  const std::vector<Silhouette> views = silhouettes(behind);
-  const std::vector<HullCell> cells = hull_cells(views, bounds, 0.5, {kSide, kRing});
-  const double ball = 4.0 / 3 * CV_PI * std::pow(kBall, 3);
-  CHECK(volume_of(cells) > 0.9 * ball);
-  CHECK(volume_of(cells) < 2 * ball);
+TEST_CASE("the hull of a ball contains it and little else") {
+  const std::vector<Silhouette> views = silhouettes(GENERATE(0.0, 9.0));
   cv::RNG random(3);
   for (int k = 0; k < 200; ++k) {
     const cv::Vec3d away(random.uniform(-1.0, 1.0), random.uniform(-1.0, 1.0),
                          random.uniform(-1.0, 1.0));
     const cv::Vec3d point = kMiddle + 1.5 * kBall * away;
     if (cv::norm(point - kMiddle) < 0.95 * kBall) CHECK(is_in_hull(views, point, 0.5));
-    if (is_in_hull(views, point, 0.5)) CHECK(is_near(cells, point));
+    if (cv::norm(point - kMiddle) > 1.4 * kBall) CHECK_FALSE(is_in_hull(views, point, 0.5));
   }
-  CHECK_FALSE(is_in_hull(views, kMiddle + cv::Vec3d(0, 1.3 * kBall, 0), 0.5));
-  for (const HullCell& cell : cells) CHECK(cv::norm(cell.centre - kMiddle) < 2 * kBall);
 }
 
-TEST_CASE("cells far from the views are larger, and none is outside the bounds") {
-  std::vector<Silhouette> everything = silhouettes(0);
-  for (Silhouette& s : everything)
-    s = make_silhouette(s.view, cv::Mat(s.view.size(), CV_8U, cv::Scalar(255)), {});
-  const Box bounds{cv::Vec3d(-40, -4, -40), cv::Vec3d(40, 4, 40)};
-  const std::vector<HullCell> cells = hull_cells(everything, bounds, 0.5, {0.05, kRing});
-  CHECK(cells.size() <= 2'000'000);  // with the requested size there would be about ten million
-  double nearest = 1e300, farthest = 0;
-  for (const HullCell& cell : cells) {
-    nearest = std::min(nearest, cell.side);
-    farthest = std::max(farthest, cell.side);
-    CHECK(std::abs(cell.centre[1]) < 4 + 0.5 * cell.side);
-  }
-  CHECK(farthest >= 4 * nearest);
-}
-
-TEST_CASE("a relation of a ball holds for its points") {
-  cv::RNG random(7);
-  const Silhouette silhouette = patchy(random);
-  const auto within = [&](double low, double high) { return random.uniform(low, high); };
-  int decided[3] = {};
-  for (int k = 0; k < 4000; ++k) {
-    const cv::Vec3d centre =
-        silhouette.view.at(within(-40, 360), within(-40, 280), within(-0.5, 7));
-    const double radius = within(0.01, 0.5);
-    const Relation ball = relation_of_ball(silhouette, centre, radius, 0.5);
-    if (ball == Relation::kUndecided) continue;
-    if (ball != Relation::kNotInside) ++decided[int(ball)];
-    for (int i = 0; i < 20; ++i) {
-      const cv::Vec3d away(within(-1, 1), within(-1, 1), within(-1, 1));
-      const cv::Vec3d point = centre + radius * within(0, 1) / cv::norm(away) * away;
-      const Relation found = relation_of_point(silhouette, point, 0.5);
-      CHECK((ball == Relation::kNotInside ? found != Relation::kInside : found == ball));
-    }
-  }
-  for (const int count : decided) CHECK(count > 20);
+TEST_CASE("rays meet the hull at the depths of the ball, in a part of the image alone") {
+  const std::vector<Silhouette> views = silhouettes(9);
+  const View& view = views[2].view;
+  const cv::Mat mask = mask_in(view);
+  const cv::Rect all({0, 0}, view.size());
+  const double depth = view.to_camera(kMiddle)[2];
+  const auto found = hull_depths(views, view, mask, all, {0.5, 12});
+  REQUIRE(found);
+  CHECK(found->nearest < depth - 0.95 * kBall);
+  CHECK(found->nearest > depth - 1.5 * kBall);
+  CHECK(found->farthest > depth + 0.95 * kBall);
+  CHECK(found->farthest < depth + 1.6 * kBall);
+  CHECK_FALSE(hull_depths(views, view, mask, all, {0.5, depth - 2 * kBall}));
+  CHECK_FALSE(hull_depths(views, view, mask, {0, 0, 20, 20}, {0.5, 12}));
 }
 
 TEST_CASE("points of a ray get the votes of single points") {
   cv::RNG random(5);
-  const std::vector<Silhouette> views{patchy(random), patchy(random)};
+  std::vector<Silhouette> views;
+  const int count = GENERATE(2, 9);
+  for (int k = 0; k < count; ++k) views.push_back(patchy(count == 2 ? 60 : 250, random));
+  const int needed = count == 2 ? 2 : 3;
   std::vector<float> depths;
   for (int k = 0; k < 37; ++k) depths.push_back(0.3f + 0.17f * float(k));
   int inside = 0, unclear = 0;
@@ -168,29 +138,27 @@ TEST_CASE("points of a ray get the votes of single points") {
     for (std::size_t i = 0; i < depths.size(); ++i) {
       int hits = 0, misses = 0;
       for (const Silhouette& s : views) {
-        const Relation relation = relation_of_point(s, view.centre + depths[i] * ray, 0.5);
+        const Relation relation = relation_of(s, view.centre + depths[i] * ray, 0.5);
         hits += relation == Relation::kInside ? 1 : 0;
         misses += relation == Relation::kOutside ? 1 : 0;
       }
-      const bool expected = hits == 2 && misses == 0;
+      const int seen = hits + misses;
+      const bool expected = hits >= needed && misses <= seen / 8 + (seen >= 5 ? 1 : 0);
       inside += expected ? 1 : 0;
       unclear += (outside[i] == 0) != expected ? 1 : 0;  // single precision, next to a pixel's edge
     }
   }
   CHECK(inside > 20);
-  CHECK(unclear < 3);
+  CHECK(unclear < 5);
 }
 
-TEST_CASE("no hull without silhouettes, motion or bounds") {
-  const Box bounds{cv::Vec3d::all(-2), cv::Vec3d::all(2)};
-  CHECK(hull_cells({}, bounds, 0.5, {kSide, kRing}).empty());
-  CHECK(hull_cells(silhouettes(0), Box{}, 0.5, {kSide, kRing}).empty());
+TEST_CASE("no hull without motion") {
   std::vector<Silhouette> still;
   for (int k = 0; k < kViews; ++k) {
     const View view = view_at(k);
     still.push_back(make_silhouette(view, cv::Mat(view.size(), CV_8U, cv::Scalar(0)), {}));
   }
-  CHECK_FALSE(still[0].shows_motion());
-  CHECK(hull_cells(still, bounds, 0.5, {kSide, kRing}).empty());
+  CHECK_FALSE(still[0].shows_motion);
   CHECK_FALSE(is_in_hull(still, {0, 0, 0}, 0.5));
+  CHECK_FALSE(is_in_hull({}, {0, 0, 0}, 0.5));
 }

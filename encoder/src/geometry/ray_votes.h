@@ -22,6 +22,8 @@ struct RayVotes {
   std::vector<float> depths, inside, outside;  // votes for dynamic content, and for other content
 
   explicit RayVotes(const std::vector<float>& points);
+  // Retains the first `points` points.
+  void resize(std::size_t points);
 };
 
 // Adds the votes of a view. A point nearer than `nearest`, which is above 0, is not visible, and

@@ -57,11 +57,17 @@ namespace stgs::encoder::geometry {
 
 HWY_EXPORT(vote);
 
-RayVotes::RayVotes(const std::vector<float>& points) : count(points.size()), depths(points) {
+RayVotes::RayVotes(const std::vector<float>& points) : depths(points) {
+  resize(points.size());
+}
+
+void RayVotes::resize(std::size_t points) {
   constexpr std::size_t kMaxLanes = 16;
-  depths.resize((count + kMaxLanes - 1) / kMaxLanes * kMaxLanes, 0.0f);
-  inside.assign(depths.size(), 0.0f);
-  outside.assign(depths.size(), 0.0f);
+  const std::size_t padded = (points + kMaxLanes - 1) / kMaxLanes * kMaxLanes;
+  count = points;
+  depths.resize(padded, 0.0f);
+  inside.resize(padded, 0.0f);
+  outside.resize(padded, 0.0f);
 }
 
 void add_votes(const VotingView& view, float nearest, RayVotes* votes) {

@@ -10,7 +10,6 @@ namespace {
 
 constexpr int kMinMaskPixels = 6;
 constexpr double kConfirmedSlack = 1.06, kInterpolatedSlack = 1.3;  // for errors of static depth
-constexpr double kCellPixels = 8;  // size of the cells that bound the depths, pixels of the masks
 
 // Returns the depth behind which the static surface hides everything, at the size of the view.
 cv::Mat hiding_depth_of(const Surface& surface, const View& view) {
@@ -18,25 +17,6 @@ cv::Mat hiding_depth_of(const Surface& surface, const View& view) {
   cv::Mat(kConfirmedSlack * surface.depth).copyTo(depth, surface.weight > 0);
   cv::resize(depth, out, view.size(), 0, 0, cv::INTER_NEAREST);
   return out;
-}
-
-// Finds the depths of the nearest and farthest hull cell that meets `box`, widened by the side
-// of two cells. Returns false if there is none.
-bool hull_range(const View& view, const std::vector<HullCell>& cells, cv::Rect box, double* near,
-                double* far) {
-  *near = 1e300;
-  *far = 0;
-  for (const HullCell& cell : cells) {
-    const Pixel p = project(view, cell.centre);
-    if (p.depth <= 0) continue;
-    const double reach = 0.5 * cell.side * std::max(view.fx, view.fy) / p.depth;
-    if (p.u < box.x - reach || p.v < box.y - reach || p.u > box.br().x + reach ||
-        p.v > box.br().y + reach)
-      continue;
-    *near = std::min(*near, std::max(0.2 * p.depth, p.depth - 2 * cell.side));
-    *far = std::max(*far, p.depth + 2 * cell.side);
-  }
-  return *far > 0;
 }
 
 struct SweptView {
@@ -81,7 +61,10 @@ SweptView sweep_view(const std::vector<SweepImage>& images, int i, const std::ve
   out.map = {blank(0), blank(1)};
   for (const cv::Rect& box : mask_boxes(mask)) {
     SweepSettings settings;
-    if (!hull_range(views[i], hull.cells, box, &settings.nearest, &settings.farthest)) continue;
+    const auto range = hull_depths(hull.silhouettes, views[i], mask, box, hull.limits);
+    if (!range) continue;
+    settings.nearest = range->nearest;
+    settings.farthest = range->farthest;
     settings.planes =
         plane_count(views[i], views, near, settings.nearest, settings.farthest, 8, 64);
     settings.region = box;
@@ -89,7 +72,7 @@ SweptView sweep_view(const std::vector<SweepImage>& images, int i, const std::ve
     settings.exclude = [&hull](const cv::Vec3d& origin, const cv::Vec3d& ray,
                                const std::vector<float>& depths,
                                std::vector<std::uint8_t>* excluded) {
-      find_outside(hull.silhouettes, origin, ray, depths, hull.nearest, excluded);
+      find_outside(hull.silhouettes, origin, ray, depths, hull.limits.nearest, excluded);
     };
     const DepthMap part = sweep(images[i], others, settings);
     part.depth(box).copyTo(out.map.depth(box));
@@ -156,11 +139,9 @@ DynamicFinder::DynamicFinder(const PreparedCapture& capture, const std::vector<V
       scene_(scene),
       settings_(settings),
       views_(views),
-      nearest_(0.6 * scene.range.nearest),
-      bounds_(visible_box(views, nearest_, scene.range.farthest, std::min(3, int(views.size())))) {
+      limits_{0.6 * scene.range.nearest, scene.range.farthest} {
   for (std::size_t i = 0; i < views.size(); ++i) {
-    backdrops_.push_back(std::make_shared<const Backdrop>(
-        make_backdrop(hiding_depth_of(scene.surfaces[i], views[i]))));
+    hiding_.push_back(hiding_depth_of(scene.surfaces[i], views[i]));
     small_.push_back(make_view(*views[i].camera, settings.max_side));
   }
   references_ = spread(small_, settings.references);
@@ -171,7 +152,7 @@ DynamicFinder::DynamicFinder(const PreparedCapture& capture, const std::vector<V
 Status DynamicFinder::load_silhouettes(int frame, std::vector<Silhouette>* out) const {
   for (std::size_t i = 0; i < views_.size(); ++i) {
     STGS_ASSIGN(const cv::Mat mask, load_mask_image(capture_, views_[i], frame));
-    if (!mask.empty()) out->push_back(make_silhouette(views_[i], mask, backdrops_[i]));
+    if (!mask.empty()) out->push_back(make_silhouette(views_[i], mask, hiding_[i]));
   }
   return {};
 }
@@ -211,14 +192,11 @@ Status DynamicFinder::sweep_references(int frame, const DynamicHull& hull, const
 }
 
 Status DynamicFinder::find(int frame, const Work& work, DynamicFrame* out) const {
-  DynamicHull hull{{}, {}, nearest_};
+  DynamicHull hull{{}, limits_};
   STGS_TRY(load_silhouettes(frame, &hull.silhouettes));
-  std::size_t with_motion = 0;
-  for (const Silhouette& s : hull.silhouettes) with_motion += s.shows_motion() ? 1 : 0;
-  if (with_motion < 2) return {};
-  const double side = kCellPixels * scene_.focus.depth / views_[0].fx;
-  hull.cells = hull_cells(hull.silhouettes, bounds_, nearest_, {side, scene_.focus.depth});
-  return hull.cells.empty() ? Status{} : sweep_references(frame, hull, work, out);
+  const auto with_motion = std::count_if(hull.silhouettes.begin(), hull.silhouettes.end(),
+                                         [](const Silhouette& s) { return s.shows_motion; });
+  return with_motion < 2 ? Status{} : sweep_references(frame, hull, work, out);
 }
 
 }  // namespace stgs::encoder::init

@@ -2,7 +2,6 @@
 // Finds points on dynamic content, per frame: depth sweeps confined to the visual hull.
 #pragma once
 
-#include <memory>
 #include <vector>
 
 #include "init/cover.h"
@@ -26,8 +25,7 @@ struct DynamicSettings {
 // The visual hull of a frame.
 struct DynamicHull {
   std::vector<Silhouette> silhouettes;
-  std::vector<HullCell> cells;  // around it
-  double nearest = 0;           // nothing is nearer to a view
+  DepthInterval limits;  // nothing is nearer to a view, and nothing is sought farther away
 };
 
 class DynamicFinder {
@@ -50,9 +48,8 @@ class DynamicFinder {
   const StaticScene& scene_;
   DynamicSettings settings_;
   std::vector<View> views_, small_;  // of the masks and of the sweeps
-  std::vector<std::shared_ptr<const Backdrop>> backdrops_;
-  double nearest_ = 0;  // dynamic content may be nearer than any static content
-  Box bounds_;          // where content can be
+  std::vector<cv::Mat> hiding_;      // per view: the depth that its static surface hides
+  DepthInterval limits_;             // dynamic content may be nearer than any static content
   std::vector<int> references_;
   std::vector<std::vector<int>> partners_;  // of each small view
 };

@@ -2,19 +2,22 @@
 #include "init/hull.h"
 
 #include <algorithm>
-#include <utility>
+#include <cmath>
+#include <limits>
+#include <numeric>
 
 #include "geometry/ray_votes.h"
 
 namespace stgs::encoder::init {
 namespace {
 
-constexpr std::size_t kMaxCells = 2'000'000;
-constexpr std::size_t kMaxExamined = 30'000'000;
-constexpr double kHalfDiagonal = 0.87;  // of a cube, in sides
+constexpr std::size_t kBatch = 3;  // views between which points are removed
+constexpr int kDepths = 160;       // of a ray that is examined
+constexpr int kExamined = 256;     // pixels of a box that are examined, about
+constexpr int kMaxStride = 4;      // between them, so that thin content is met
 
 int views_needed(std::size_t views) {
-  return int(std::min<std::size_t>(3, views));
+  return int(std::clamp<std::size_t>(views, 2, 3));
 }
 int misses_allowed(int views) {
   return views / 8 + (views >= 5 ? 1 : 0);
@@ -25,128 +28,45 @@ bool is_in_hull(int inside, int outside, std::size_t views) {
   return inside >= views_needed(views) && outside <= misses_allowed(inside + outside);
 }
 
-// Returns one of the eight parts of a cube; bit k of `part` is set in the upper half of axis k.
-HullCell part_of(const HullCell& cube, int part) {
-  HullCell out{cube.centre, 0.5 * cube.side};
-  for (int k = 0; k < 3; ++k) {
-    out.centre[k] += (part >> k & 1) != 0 ? 0.25 * cube.side : -0.25 * cube.side;
+// Removes the points that more than `most` views see outside of the mask, if those are many.
+void drop_outside(int most, geometry::RayVotes* votes, std::vector<std::uint32_t>* points) {
+  std::size_t left = 0;
+  for (std::size_t k = 0; k < points->size(); ++k) left += int(votes->outside[k]) <= most ? 1 : 0;
+  if (left > points->size() / 2) return;
+  std::size_t to = 0;
+  for (std::size_t k = 0; k < points->size(); ++k) {
+    if (int(votes->outside[k]) > most) continue;
+    (*points)[to] = (*points)[k];
+    votes->depths[to] = votes->depths[k];
+    votes->inside[to] = votes->inside[k];
+    votes->outside[to++] = votes->outside[k];
   }
-  return out;
+  points->resize(left);
+  votes->resize(left);
 }
-
-bool meets(const Box& box, const HullCell& cube) {
-  for (int k = 0; k < 3; ++k) {
-    if (cube.centre[k] + 0.5 * cube.side < box.low[k]) return false;
-    if (cube.centre[k] - 0.5 * cube.side > box.high[k]) return false;
-  }
-  return true;
-}
-
-// Divides a cube into parts, down to the cells.
-class Carver {
- public:
-  Carver(const std::vector<Silhouette>& silhouettes, const Box& bounds, double nearest,
-         HullResolution resolution)
-      : silhouettes_(silhouettes), bounds_(bounds), nearest_(nearest), resolution_(resolution) {}
-
-  // Returns false if there are too many cells.
-  bool carve(const HullCell& cube) {
-    Votes votes;
-    for (std::size_t i = 0; i < silhouettes_.size(); ++i) votes.open.push_back(int(i));
-    votes.near = votes.open;
-    carve(cube, votes);
-    return !has_too_many();
-  }
-  std::vector<HullCell> take() { return std::move(cells_); }
-
- private:
-  // The views that matter to a cube. For its parts, only those in the lists are tested.
-  struct Votes {
-    int inside = 0, outside = 0;  // views that have this relation to the whole cube
-    std::vector<int> open;        // views whose relations are not known
-    std::vector<int> near;        // views that can be the nearest
-  };
-
-  bool has_too_many() const { return cells_.size() > kMaxCells || examined_ > kMaxExamined; }
-
-  void carve(const HullCell& cube, const Votes& known) {
-    ++examined_;
-    if (has_too_many() || !meets(bounds_, cube)) return;
-    Votes votes;
-    if (!may_be_inside(cube, known, &votes)) return;
-    if (cube.side < 1.5 * side_at(cube, known, &votes)) {
-      if (has_point(cube, votes)) cells_.push_back(cube);
-      return;
-    }
-    for (int k = 0; k < 8; ++k) carve(part_of(cube, k), votes);
-  }
-
-  // Returns false only if no point of the cube is inside.
-  bool may_be_inside(const HullCell& cube, const Votes& known, Votes* votes) const {
-    const double radius = kHalfDiagonal * cube.side;
-    votes->inside = known.inside;
-    votes->outside = known.outside;
-    votes->open.reserve(known.open.size());
-    int possible = known.inside;
-    for (const int i : known.open) {
-      const Relation relation = relation_of_ball(silhouettes_[i], cube.centre, radius, nearest_);
-      votes->inside += relation == Relation::kInside ? 1 : 0;
-      votes->outside += relation == Relation::kOutside ? 1 : 0;
-      possible += relation == Relation::kInside || relation == Relation::kUndecided ? 1 : 0;
-      if (relation == Relation::kUndecided || relation == Relation::kNotInside)
-        votes->open.push_back(i);
-    }
-    return is_in_hull(possible, votes->outside, silhouettes_.size());
-  }
-
-  bool has_point(const HullCell& cube, const Votes& known) const {
-    if (is_inside(cube.centre, known)) return true;
-    for (int k = 0; k < 8; ++k)
-      if (is_inside(part_of(cube, k).centre, known)) return true;
-    return false;
-  }
-
-  bool is_inside(const cv::Vec3d& point, const Votes& known) const {
-    int inside = known.inside, outside = known.outside;
-    for (const int i : known.open) {
-      const Relation relation = relation_of_point(silhouettes_[i], point, nearest_);
-      inside += relation == Relation::kInside ? 1 : 0;
-      outside += relation == Relation::kOutside ? 1 : 0;
-    }
-    return is_in_hull(inside, outside, silhouettes_.size());
-  }
-
-  // Returns the smallest side that is allowed at the cube, and the views that can be the nearest to
-  // a point of it.
-  double side_at(const HullCell& cube, const Votes& known, Votes* votes) const {
-    double least = 1e300;
-    const auto distance = [&](int i) {
-      return cv::norm(silhouettes_[i].view.centre - cube.centre);
-    };
-    for (const int i : known.near) least = std::min(least, distance(i));
-    const double farthest = least + 2 * kHalfDiagonal * cube.side;
-    for (const int i : known.near)
-      if (distance(i) <= farthest) votes->near.push_back(i);
-    return resolution_.side * std::max(1.0, least / resolution_.depth);
-  }
-
-  const std::vector<Silhouette>& silhouettes_;
-  const Box& bounds_;
-  double nearest_ = 0;
-  HullResolution resolution_;
-  std::size_t examined_ = 0;
-  std::vector<HullCell> cells_;
-};
 
 }  // namespace
+
+Silhouette make_silhouette(const View& view, const cv::Mat& mask, const cv::Mat& depth) {
+  cv::Mat hiding(view.size(), CV_32F, cv::Scalar(std::numeric_limits<float>::max()));
+  if (!depth.empty()) depth.copyTo(hiding, depth > 0);
+  cv::Mat(-hiding).copyTo(hiding, mask);
+  return {view, hiding, cv::countNonZero(mask) > 0};
+}
 
 void find_outside(const std::vector<Silhouette>& silhouettes, const cv::Vec3d& origin,
                   const cv::Vec3d& ray, const std::vector<float>& depths, double nearest,
                   std::vector<std::uint8_t>* outside) {
   geometry::RayVotes votes(depths);
-  for (const Silhouette& silhouette : silhouettes) {
-    const View& view = silhouette.view;
-    geometry::VotingView voting{silhouette.hiding.ptr<float>(),
+  outside->assign(depths.size(), 1);
+  std::vector<std::uint32_t> points(depths.size());  // that the votes are about
+  std::iota(points.begin(), points.end(), 0u);
+  const int most = misses_allowed(int(silhouettes.size()));
+  for (std::size_t i = 0; i < silhouettes.size(); ++i) {
+    if (i % kBatch == kBatch - 1) drop_outside(most, &votes, &points);
+    if (points.empty()) return;
+    const View& view = silhouettes[i].view;
+    geometry::VotingView voting{silhouettes[i].hiding.ptr<float>(),
                                 view.width,
                                 view.height,
                                 float(view.fx),
@@ -162,52 +82,37 @@ void find_outside(const std::vector<Silhouette>& silhouettes, const cv::Vec3d& o
     }
     geometry::add_votes(voting, float(nearest), &votes);
   }
-  outside->resize(depths.size());
-  for (std::size_t k = 0; k < depths.size(); ++k) {
+  for (std::size_t k = 0; k < points.size(); ++k) {
     const int inside = int(votes.inside[k]), misses = int(votes.outside[k]);
-    (*outside)[k] = is_in_hull(inside, misses, silhouettes.size()) ? 0 : 1;
+    (*outside)[points[k]] = is_in_hull(inside, misses, silhouettes.size()) ? 0 : 1;
   }
 }
 
-std::vector<HullCell> hull_cells(const std::vector<Silhouette>& silhouettes, const Box& bounds,
-                                 double nearest, HullResolution resolution) {
-  if (bounds.empty() || silhouettes.size() < 2) return {};
-  const cv::Vec3d extent = bounds.high - bounds.low;
-  const double longest = std::max({extent[0], extent[1], extent[2]});
-  for (;; resolution.side *= 2) {
-    HullCell cube{0.5 * (bounds.low + bounds.high), resolution.side};
-    while (cube.side < longest) cube.side *= 2;
-    Carver carver(silhouettes, bounds, nearest, resolution);
-    if (carver.carve(cube)) return carver.take();
-  }
-}
-
-Box visible_box(const std::vector<View>& views, double nearest, double farthest, int views_needed) {
-  Box box{cv::Vec3d::all(1e300), cv::Vec3d::all(-1e300)};
-  constexpr int kSteps = 9;  // samples along each axis of a frustum
-  for (const View& view : views) {
-    for (int i = 0; i < kSteps * kSteps * kSteps; ++i) {
-      const double a = double(i % kSteps) / (kSteps - 1);
-      const int row = i / kSteps, layer = row / kSteps;
-      const double b = double(row % kSteps) / (kSteps - 1);
-      const double c = double(layer) / (kSteps - 1);
-      const double depth = 1 / (1 / nearest + c * (1 / farthest - 1 / nearest));
-      const cv::Vec3d p = view.at(a * view.width, b * view.height, depth);
-      int visible = 0;
-      for (const View& other : views) {
-        const Pixel pixel = project(other, p);
-        const double slack = 0.05 * std::max(other.width, other.height);
-        visible += pixel.depth > 0.5 * nearest && pixel.u > -slack && pixel.v > -slack &&
-                   pixel.u < other.width + slack && pixel.v < other.height + slack;
-      }
-      if (visible < views_needed) continue;
-      for (int k = 0; k < 3; ++k) {
-        box.low[k] = std::min(box.low[k], p[k]);
-        box.high[k] = std::max(box.high[k], p[k]);
+std::optional<DepthInterval> hull_depths(const std::vector<Silhouette>& silhouettes,
+                                         const View& view, const cv::Mat& mask, const cv::Rect& box,
+                                         const DepthInterval& limits) {
+  std::vector<float> depths;
+  const double step = (1 / limits.nearest - 1 / limits.farthest) / (kDepths - 1);
+  const auto depth_at = [&](int k) { return 1 / (1 / limits.farthest + k * step); };
+  for (int k = 0; k < kDepths; ++k) depths.push_back(float(depth_at(k)));
+  const double count = cv::countNonZero(mask(box));
+  const int stride = std::clamp(int(std::sqrt(count / kExamined)), 1, kMaxStride);
+  int first = kDepths, last = -1;
+  std::vector<std::uint8_t> outside;
+  for (int y = box.y + stride / 2; y < box.br().y; y += stride) {
+    for (int x = box.x + stride / 2; x < box.br().x; x += stride) {
+      if (mask.at<std::uint8_t>(y, x) == 0) continue;
+      find_outside(silhouettes, view.centre, view.ray(x + 0.5, y + 0.5), depths, limits.nearest,
+                   &outside);
+      for (int k = 0; k < kDepths; ++k) {
+        if (outside[k] != 0) continue;
+        first = std::min(first, k);
+        last = std::max(last, k);
       }
     }
   }
-  return box;
+  if (last < 0) return std::nullopt;
+  return DepthInterval{depth_at(std::min(last + 1, kDepths - 1)), depth_at(std::max(first - 1, 0))};
 }
 
 }  // namespace stgs::encoder::init

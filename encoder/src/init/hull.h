@@ -6,28 +6,22 @@
 
 #include <cstdint>
 #include <opencv2/core.hpp>
+#include <optional>
 #include <vector>
 
-#include "init/silhouette.h"
 #include "init/view.h"
 
 namespace stgs::encoder::init {
 
-// An axis-aligned box in scene units.
-struct Box {
-  cv::Vec3d low, high;
-  bool empty() const { return !(low[0] < high[0] && low[1] < high[1] && low[2] < high[2]); }
+// The dynamic content of a view, in front of its static surface.
+struct Silhouette {
+  View view;
+  cv::Mat hiding;  // see geometry::VotingView; CV_32F
+  bool shows_motion = false;
 };
-
-struct HullCell {
-  cv::Vec3d centre;
-  double side = 0;  // of a cube, scene units
-};
-
-struct HullResolution {
-  double side = 0;   // of the smallest cells, scene units
-  double depth = 0;  // distance from the nearest view from which on cells grow with the distance
-};
+// `mask`: 8-bit, 0: static. `depth`: CV_32F, pixels hide everything beyond it, scene units; 0:
+// unknown; or empty: of all pixels. Both have the size of the view.
+Silhouette make_silhouette(const View& view, const cv::Mat& mask, const cv::Mat& depth);
 
 // Sets outside[k] to 1 for each point origin + depths[k] * ray that is not in the hull, else to 0.
 // Nothing nearer than `nearest`, which is above 0, to a view is in the hull.
@@ -35,14 +29,15 @@ void find_outside(const std::vector<Silhouette>& silhouettes, const cv::Vec3d& o
                   const cv::Vec3d& ray, const std::vector<float>& depths, double nearest,
                   std::vector<std::uint8_t>* outside);
 
-// Returns the cells within `bounds` of which the centre, or that of one of their eight parts, is in
-// the hull. None for fewer than two silhouettes. Cells are larger than requested if there would be
-// more than two million, or more than 30 million to examine.
-std::vector<HullCell> hull_cells(const std::vector<Silhouette>& silhouettes, const Box& bounds,
-                                 double nearest, HullResolution resolution);
+struct DepthInterval {
+  double nearest = 0, farthest = 0;  // scene units
+};
 
-// Returns the box of the points between the two depths that at least `views_needed` views see.
-// Empty if there are none.
-Box visible_box(const std::vector<View>& views, double nearest, double farthest, int views_needed);
+// Returns the depths between the limits, which are above 0, at which rays through the masked pixels
+// of a box meet the hull, or nothing if none does. Examines a part of the pixels, and depths a
+// hundredth to two hundredths apart in the middle of a range of 1 to 8.
+std::optional<DepthInterval> hull_depths(const std::vector<Silhouette>& silhouettes,
+                                         const View& view, const cv::Mat& mask, const cv::Rect& box,
+                                         const DepthInterval& limits);
 
 }  // namespace stgs::encoder::init
