@@ -14,6 +14,7 @@
 #include "single_precision.h"
 #include "stgs/encoder/camera_json.h"
 #include "stgs/encoder/capture_folder.h"
+#include "stgs/encoder/frame_memory.h"
 #include "stgs/encoder/image_file.h"
 #include "stgs/encoder/protocol.h"
 #include "stgs/format/byte_source.h"
@@ -189,7 +190,7 @@ Result<std::unique_ptr<ByteSource>> open_file_of(const PreparedCapture& capture,
 }
 
 Status check_frame_files(const PreparedCapture& capture, const std::vector<Camera>& cameras) {
-  if (!capture.files) return {};
+  if (!capture.files || capture.memory_only) return {};
   const auto check_exists = [&](const Camera& camera, int frame) -> Status {
     const std::string path = capture.frame_path(camera, frame);
     if (capture.files->exists(path)) return {};
@@ -242,7 +243,20 @@ Status write_prepared_capture(const PreparedCapture& capture) {
 
 namespace {
 
+// Returns the image of the folder's frame or mask in memory; null if it is not there.
+FrameMemory::ImagePtr frame_in_memory(const PreparedCapture& capture, const Camera& camera,
+                                      int frame) {
+  return capture.memory ? capture.memory->frame(camera.name, frame + capture.frame_offset())
+                        : nullptr;
+}
+FrameMemory::ImagePtr mask_in_memory(const PreparedCapture& capture, const Camera& camera,
+                                     int frame) {
+  return capture.memory ? capture.memory->mask(camera.name, frame + capture.frame_offset())
+                        : nullptr;
+}
+
 Result<Image8> decode_frame(const PreparedCapture& capture, const Camera& camera, int frame) {
+  if (const auto image = frame_in_memory(capture, camera, frame)) return *image;
   const std::string path = capture.frame_path(camera, frame);
   STGS_ASSIGN(const std::unique_ptr<ByteSource> file, open_file_of(capture, path));
   STGS_ASSIGN(Image8 image, read_image8(*file, 3));
@@ -257,6 +271,8 @@ Result<Image8> decode_frame(const PreparedCapture& capture, const Camera& camera
 }  // namespace
 
 bool has_mask(const PreparedCapture& capture, const Camera& camera, int frame) {
+  if (mask_in_memory(capture, camera, frame)) return true;
+  if (capture.memory_only) return false;
   const std::string path = capture.mask_path(camera, frame);
   return capture.files ? capture.files->exists(path) : std::filesystem::exists(path);
 }
@@ -284,7 +300,17 @@ Result<Image8> load_frame(const PreparedCapture& capture, const Camera& camera, 
                                  : decode_frame(capture, camera, frame);
 }
 
+Result<std::shared_ptr<const Image8>> load_shared_frame(const PreparedCapture& capture,
+                                                        const Camera& camera, int frame) {
+  if (!capture.mask_background) {
+    if (auto image = frame_in_memory(capture, camera, frame)) return image;
+  }
+  STGS_ASSIGN(Image8 image, load_frame(capture, camera, frame));
+  return std::make_shared<const Image8>(std::move(image));
+}
+
 Result<Image8> load_mask(const PreparedCapture& capture, const Camera& camera, int frame) {
+  if (const auto mask = mask_in_memory(capture, camera, frame)) return *mask;
   if (!has_mask(capture, camera, frame)) return Image8{};
   const std::string path = capture.mask_path(camera, frame);
   STGS_ASSIGN(const std::unique_ptr<ByteSource> file, open_file_of(capture, path));

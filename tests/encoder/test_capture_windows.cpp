@@ -18,7 +18,7 @@ std::unique_ptr<WindowPreparer> open(const std::string& capture, const PrepareSe
 }
 
 PreparedCapture prepared(WindowPreparer& preparer, std::size_t index, const std::string& folder) {
-  const Status status = preparer.prepare(index, folder, {}, {});
+  const Status status = preparer.prepare(index, folder, true, {}, {}).status();
   INFO(status.message());
   REQUIRE(status.ok());
   auto capture = read_prepared_capture(folder);

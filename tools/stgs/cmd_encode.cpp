@@ -117,9 +117,8 @@ class Encode final : public Command {
       const double then = std::exchange(begin, now_seconds());
       return begin - then;
     };
-    STGS_TRY(prepare_or_resume(windows.get(), prepared, training, session));
+    STGS_ASSIGN(const auto capture, prepare_or_resume(windows.get(), prepared, training, session));
     seconds[0] = lap();
-    STGS_ASSIGN(const auto capture, encoder::read_prepared_capture(prepared));
     const WriteTime checkpoint_before = write_time(training.checkpoint);
     STGS_TRY(with_resume_hint(train_to_file(capture, trained, train_.title(), train_.report(),
                                             training, session, train_report),
@@ -199,16 +198,19 @@ class Encode final : public Command {
     return text;
   }
 
-  Status prepare_or_resume(encoder::WindowPreparer* windows, const std::string& prepared,
-                           const encoder::TrainSettings& training, Session& session) const {
+  Result<encoder::PreparedCapture> prepare_or_resume(encoder::WindowPreparer* windows,
+                                                     const std::string& prepared,
+                                                     const encoder::TrainSettings& training,
+                                                     Session& session) const {
     if (windows != nullptr) {
       const EndAfterSignal end(session, prepared + ": not written");
-      return windows->prepare(0, prepared, session.progress_sink(), session.log_sink());
+      return windows->prepare(0, prepared, true, session.progress_sink(), session.log_sink());
     }
     STGS_ASSIGN(const auto capture, encoder::read_prepared_capture(prepared));
     session.log(2,
                 fmt::format("{}: resuming from it; {} is not prepared again", prepared, capture_));
-    return encoder::check_training(training, &capture);
+    STGS_TRY(encoder::check_training(training, &capture));
+    return capture;
   }
 
   // Adds the command that resumes to the status of an interrupted training.

@@ -33,7 +33,7 @@ Json json_of(const EncodedWindow& encoded) {
 
 // A window that is prepared while the one before is encoded.
 struct PreparedWindow {
-  std::string folder;
+  encoder::PreparedCapture capture;
   double seconds = 0;
 };
 
@@ -72,8 +72,8 @@ class WindowLoop {
   Result<PreparedWindow> prepare(std::size_t index, const encoder::ProgressSink& progress) {
     const double begin = now_seconds();
     PreparedWindow out;
-    out.folder = fmt::format("{}/window-{}", work_, index % 2);
-    STGS_TRY(preparer_.prepare(index, out.folder, progress, session_.log_sink()));
+    STGS_ASSIGN(out.capture, preparer_.prepare(index, fmt::format("{}/window-{}", work_, index % 2),
+                                               false, progress, session_.log_sink()));
     out.seconds = now_seconds() - begin;
     return out;
   }
@@ -85,13 +85,11 @@ class WindowLoop {
     const double begin = now_seconds();
     EncodedWindow out;
     out.prepare_seconds = prepared.seconds;
-    STGS_ASSIGN(const encoder::PreparedCapture capture,
-                encoder::read_prepared_capture(prepared.folder));
     STGS_ASSIGN(out.window,
-                encoder_.encode(capture, session_.progress_sink(), session_.log_sink()));
+                encoder_.encode(prepared.capture, session_.progress_sink(), session_.log_sink()));
     out.train_seconds = now_seconds() - begin;
     std::error_code ignored;
-    fs::remove_all(prepared.folder, ignored);
+    fs::remove_all(prepared.capture.folder, ignored);
     session_.log(
         2, fmt::format("frames {}:{}: {} added, {} persistent, {}; prepare {:.1f} s, train "
                        "{:.1f} s",

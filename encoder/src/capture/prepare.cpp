@@ -13,8 +13,10 @@
 #include "init/init.h"
 #include "plural.h"
 #include "source_capture.h"
+#include "stgs/encoder/frame_memory.h"
 #include "stgs/format/output_path.h"
 #include "stgs/format/temporary.h"
+#include "train/machine_memory.h"
 #include "write_frames.h"
 
 namespace stgs::encoder {
@@ -23,6 +25,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr double kWindowSeconds = 2;
+constexpr double kMemoryShare = 1.0 / 3;  // of the available memory, for the frames of a window
 
 // Creates the missing parents of a path. The destructor deletes each of them that is empty.
 class Parents {
@@ -137,17 +140,25 @@ class Preparer final : public WindowPreparer {
 
   const std::vector<FrameSpan>& windows() const override { return windows_; }
 
-  Status prepare(std::size_t index, const std::string& folder, const ProgressSink& progress,
-                 const LogSink& log) override {
+  Result<PreparedCapture> prepare(std::size_t index, const std::string& folder, bool files,
+                                  const ProgressSink& progress, const LogSink& log) override {
     const LogSink log_or_none = log ? log : [](int, const std::string&) {};
-    return guarded_by_target(folder, log_or_none, [&](const std::string& work) -> Status {
-      if (index > 0 && !findings_) {
-        log_or_none(2, fmt::format("{}: analysing the first window again", capture_));
-        STGS_TRY(prepare_window(0, work + "/first", progress, log_or_none));
-        fs::remove_all(work + "/first");
-      }
-      return prepare_window(index, work + "/prepared", progress, log_or_none);
-    });
+    PreparedCapture window;
+    const Status prepared =
+        guarded_by_target(folder, log_or_none, [&](const std::string& work) -> Status {
+          if (index > 0 && !findings_) {
+            log_or_none(2, fmt::format("{}: analysing the first window again", capture_));
+            STGS_TRY(prepare_window(0, work + "/first", files, progress, log_or_none).status());
+            fs::remove_all(work + "/first");
+          }
+          STGS_ASSIGN(window,
+                      prepare_window(index, work + "/prepared", files, progress, log_or_none));
+          return {};
+        });
+    STGS_TRY(prepared);
+    window.folder = folder;
+    STGS_ASSIGN(window.files, CaptureFolder::open(folder, false));
+    return window;
   }
 
  private:
@@ -176,18 +187,24 @@ class Preparer final : public WindowPreparer {
     }
   }
 
-  Status prepare_window(std::size_t index, const std::string& folder, const ProgressSink& progress,
-                        const LogSink& log) {
+  Result<PreparedCapture> prepare_window(std::size_t index, const std::string& folder, bool files,
+                                         const ProgressSink& progress, const LogSink& log) {
     fs::create_directory(folder);
     PreparedCapture window = complete_;
     window.folder = folder;
     window.first_frame += windows_[index].begin;
     window.frames = windows_[index].size();
+    const auto bytes = double(FrameMemory::bytes_of(window.cameras, window.frames));
+    if (bytes <= kMemoryShare * double(available_memory())) {
+      window.memory = std::make_shared<FrameMemory>();
+      window.memory_only = !files;
+    }
     STGS_TRY(write_frames(source_, plans_, window, videos_, progress));
     const InitSettings init = init_settings(capture_, source_, settings_);
     STGS_TRY(index == 0 ? initialise(window, init, progress, log, &findings_)
                         : initialise_later(window, init, *findings_, progress, log));
-    return write_prepared_capture(window);
+    STGS_TRY(write_prepared_capture(window));
+    return window;
   }
 
   const std::string capture_;
@@ -246,7 +263,7 @@ Status prepare(const std::string& capture, const std::string& folder,
   }
   STGS_ASSIGN(const std::unique_ptr<WindowPreparer> preparer,
               WindowPreparer::open(capture, settings, 0, progress, log));
-  return preparer->prepare(0, folder, progress, log);
+  return preparer->prepare(0, folder, true, progress, log).status();
 }
 
 }  // namespace stgs::encoder

@@ -8,9 +8,11 @@
 #include <filesystem>
 #include <mutex>
 #include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
 
 #include "file_kind.h"
 #include "reporting.h"
+#include "stgs/encoder/frame_memory.h"
 #include "stgs/encoder/image_file.h"
 #include "stgs/format/parallel.h"
 
@@ -96,7 +98,7 @@ Status copy_image(const CameraJob& job, int frame) {
   STGS_TRY(
       check_image_kind(bytes, path, fmt::format("camera '{}' frame {}", job.source.name, number)));
   // Training decodes these bytes with the same decoder.
-  const Result<Image8> image = decode_image8(bytes, 3, path);
+  Result<Image8> image = decode_image8(bytes, 3, path);
   if (!image.ok()) {
     return invalid_file("camera '{}' frame {}: {}", job.source.name, number,
                         image.status().message());
@@ -107,7 +109,9 @@ Status copy_image(const CameraJob& job, int frame) {
         path, job.source.name, number, job.camera.width, job.camera.height, image->width,
         image->height);
   }
-  return write_bytes(job.capture.frame_path(job.camera, frame), bytes);
+  if (job.capture.memory) job.capture.memory->add_frame(job.camera.name, frame, std::move(*image));
+  return job.capture.memory_only ? Status()
+                                 : write_bytes(job.capture.frame_path(job.camera, frame), bytes);
 }
 
 Status write_mask(const CameraJob& job, int frame) {
@@ -125,7 +129,25 @@ Status write_mask(const CameraJob& job, int frame) {
         path, job.source.name, number, job.plan.source.width, job.plan.source.height, mask.cols,
         mask.rows);
   }
-  return write_png(job.capture.mask_path(job.camera, frame), job.mapping.mask(mask));
+  const cv::Mat mapped = job.mapping.mask(mask);
+  if (job.capture.memory) {
+    job.capture.memory->add_mask(job.camera.name, frame,
+                                 {mapped.cols, mapped.rows, 1, {mapped.datastart, mapped.dataend}});
+  }
+  return job.capture.memory_only ? Status()
+                                 : write_png(job.capture.mask_path(job.camera, frame), mapped);
+}
+
+// Writes a frame, and keeps it in memory.
+Status write_mapped(const CameraJob& job, int frame, const cv::Mat& mapped) {
+  const PreparedCapture& capture = job.capture;
+  if (capture.memory) {
+    Image8 image{mapped.cols, mapped.rows, 3, {}};
+    image.data.resize(mapped.total() * 3);
+    cv::cvtColor(mapped, cv::Mat(mapped.size(), CV_8UC3, image.data.data()), cv::COLOR_BGR2RGB);
+    capture.memory->add_frame(job.camera.name, frame, std::move(image));
+  }
+  return capture.memory_only ? Status() : write_png(capture.frame_path(job.camera, frame), mapped);
 }
 
 Status write_unguarded(const CameraJob& job, bool copies, int frame, cv::Mat decoded) {
@@ -135,7 +157,7 @@ Status write_unguarded(const CameraJob& job, bool copies, int frame, cv::Mat dec
     STGS_ASSIGN(decoded, read_image(job.files, job.source, job.capture.first_frame + frame,
                                     job.plan.source.width, job.plan.source.height));
   }
-  return write_png(job.capture.frame_path(job.camera, frame), job.mapping.frame(decoded));
+  return write_mapped(job, frame, job.mapping.frame(decoded));
 }
 
 // Writes one frame. `decoded` is a video frame, or empty for an image frame.
@@ -218,6 +240,7 @@ Status write_frames(const SourceCapture& source, const std::vector<CameraPlan>& 
   videos.next_frame = capture.first_frame + capture.frames;
   for (std::size_t i = 0; i < plans.size(); ++i) {
     const Camera& camera = capture.cameras[i];
+    if (capture.memory_only) break;
     fs::create_directories(fs::path(capture.frame_path(camera, 0)).parent_path());
     if (!source.cameras[i].masks.empty()) {
       fs::create_directories(fs::path(capture.mask_path(camera, 0)).parent_path());

@@ -7,6 +7,8 @@
 #include <opencv2/imgproc.hpp>
 #include <opencv2/video/tracking.hpp>
 
+#include "stgs/encoder/frame_memory.h"
+
 namespace stgs::encoder::init {
 namespace {
 
@@ -236,7 +238,13 @@ Status write_mask(const PreparedCapture& capture, const View& view, int frame,
   cv::Mat full;
   const cv::Size size(view.camera->width, view.camera->height);
   cv::resize(mask, full, size, 0, 0, cv::INTER_LINEAR);
-  return write_png(capture.mask_path(*view.camera, frame), full >= 128);
+  full = full >= 128;
+  if (capture.memory) {
+    capture.memory->add_mask(view.camera->name, frame,
+                             {full.cols, full.rows, 1, {full.datastart, full.dataend}});
+  }
+  if (capture.memory_only) return {};
+  return write_png(capture.mask_path(*view.camera, frame), full);
 }
 
 Result<Background> find_background(const PreparedCapture& capture, const View& view,

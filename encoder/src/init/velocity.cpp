@@ -13,6 +13,8 @@ namespace {
 constexpr int kMatchRounds = 6;
 constexpr int kMinForMedian = 3;
 constexpr int kMeasuredFrames = 6;  // compare the two estimates
+// Flow of all frames takes long, so its residual has to be this fraction of the other at most.
+constexpr double kClearlyLess = 0.99;
 
 // nanoflann's data set adaptor for points with position and weighted colour.
 struct Cloud {
@@ -341,7 +343,7 @@ Status choose_velocities(const VelocityInput& input, Work& work, ChosenVelocitie
     work.log("velocities: not measured (no dynamic points in the sampled frames)");
     return {};
   }
-  const bool flow_wins = mean.flowed < mean.matched;
+  const bool flow_wins = mean.flowed < kClearlyLess * mean.matched;
   if (flow_wins) STGS_TRY(take_flow(input, work, &out->frames));
   out->kind = flow_wins ? "lifted flow" : "nearest neighbours";
   work.log(

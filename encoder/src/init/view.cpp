@@ -53,10 +53,10 @@ std::vector<View> training_views(const PreparedCapture& capture, int max_side) {
 
 Result<cv::Mat> load_image(const PreparedCapture& capture, const View& view, int frame) {
   STGS_TRY(reject_test(view));
-  STGS_ASSIGN(const Image8 image, load_frame(capture, *view.camera, frame));
+  STGS_ASSIGN(const auto image, load_shared_frame(capture, *view.camera, frame));
   cv::Mat out;
-  cv::resize(as_mat(image), out, view.size(), 0, 0, cv::INTER_AREA);
-  return out.data == image.data.data() ? out.clone() : out;
+  cv::resize(as_mat(*image), out, view.size(), 0, 0, cv::INTER_AREA);
+  return out.data == image->data.data() ? out.clone() : out;
 }
 
 Result<cv::Mat> load_mask_image(const PreparedCapture& capture, const View& view, int frame) {

@@ -81,6 +81,7 @@ Fingerprint fingerprint_of(const PreparedCapture& capture) {
 
 Fingerprint image_fingerprint(const PreparedCapture& capture) {
   Fingerprint out;
+  if (capture.memory_only) return out;  // nothing resumes on them
   for (const Camera& camera : capture.cameras) {
     if (camera.test) continue;
     out.emplace_back("images of camera " + camera.name,

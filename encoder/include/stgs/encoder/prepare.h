@@ -101,13 +101,15 @@ class WindowPreparer {
   virtual ~WindowPreparer() = default;
   // Returns the windows, in frames of the capture.
   virtual const std::vector<FrameSpan>& windows() const = 0;
-  // Prepares window `index` into `folder`, which appears complete or not at all. The first window
+  // Prepares window `index` into `folder`, which appears complete or not at all, and returns the
+  // window. Its frames are also in memory if they take at most a third of what is available; with
+  // `files` false they are then in memory alone. The first window
   // is a complete prepared capture. A later one has no static points, which belong to the
   // persistent set, and the bounds of the first; if that was not prepared by this object, it is
   // analysed again. Prepare windows in ascending order: others decode the videos from the
   // beginning.
-  virtual Status prepare(std::size_t index, const std::string& folder, const ProgressSink& progress,
-                         const LogSink& log) = 0;
+  virtual Result<PreparedCapture> prepare(std::size_t index, const std::string& folder, bool files,
+                                          const ProgressSink& progress, const LogSink& log) = 0;
 };
 
 // Prepares the folder `capture` into `folder`. The target appears complete or not at all.

@@ -28,6 +28,7 @@ class ByteSource;
 namespace stgs::encoder {
 
 class CaptureFolder;
+class FrameMemory;
 
 // An undistorted pinhole camera with OpenCV axes: p_camera = rotation * p_world + translation.
 struct Camera {
@@ -67,6 +68,10 @@ struct PreparedCapture {
   // Set if this object describes a window of the capture (windows.h). Frame 0 is then the first
   // frame of the window, for frame_path and mask_path too.
   std::optional<CaptureWindow> window;
+  // Not stored. Frames and masks that are in memory, not owned by the folder; null: none. With
+  // `memory_only` there are no files of them.
+  std::shared_ptr<FrameMemory> memory;
+  bool memory_only = false;
   // Not stored. If set, load_frame() has this RGB colour where a mask is below kMinMask.
   std::optional<std::array<std::uint8_t, 3>> mask_background;
 
@@ -108,9 +113,12 @@ Result<std::unique_ptr<ByteSource>> open_file_of(const PreparedCapture& capture,
 // Validates `capture` and writes capture.json atomically into capture.folder.
 Status write_prepared_capture(const PreparedCapture& capture);
 
-// Decodes a frame to RGB. An error names file, camera and frame; a size other than the camera's is
-// kInvalidFile, and so is a missing mask with capture.mask_background.
+// Decodes a frame to RGB, or copies it from memory. An error names file, camera and frame; a size
+// other than the camera's is kInvalidFile, and so is a missing mask with capture.mask_background.
 Result<Image8> load_frame(const PreparedCapture& capture, const Camera& camera, int frame);
+// The same, without a copy of a frame in memory.
+Result<std::shared_ptr<const Image8>> load_shared_frame(const PreparedCapture& capture,
+                                                        const Camera& camera, int frame);
 // Decodes a motion mask: one channel, 255 = moving. Returns an empty image if there is no mask.
 Result<Image8> load_mask(const PreparedCapture& capture, const Camera& camera, int frame);
 

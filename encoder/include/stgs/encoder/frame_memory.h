@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+// Frames and masks of a prepared capture in memory, so that the stages after its preparation do not
+// decode them again, or need no files at all.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "stgs/encoder/prepared_capture.h"
+
+namespace stgs::encoder {
+
+// Thread-safe. Images are immutable once they are added.
+class FrameMemory {
+ public:
+  using ImagePtr = std::shared_ptr<const Image8>;
+
+  // Returns the bytes that the frames and masks of these cameras take.
+  static std::uint64_t bytes_of(const std::vector<Camera>& cameras, int frames);
+
+  // Frame numbers are those of the capture that this belongs to.
+  void add_frame(const std::string& camera, int frame, Image8 image);
+  void add_mask(const std::string& camera, int frame, Image8 mask);
+  // Return null for an image that was not added.
+  ImagePtr frame(const std::string& camera, int frame) const;
+  ImagePtr mask(const std::string& camera, int frame) const;
+
+ private:
+  using Images = std::map<std::pair<std::string, int>, ImagePtr>;
+
+  mutable std::mutex mutex_;
+  Images frames_, masks_;
+};
+
+}  // namespace stgs::encoder
