@@ -76,6 +76,39 @@ TEST_CASE("windows have the frames of the capture and the bounds of the first wi
     CHECK(bytes_of(folder / "alone/" + name) == bytes_of(folder / "second/" + name));
 }
 
+TEST_CASE("a window in memory has no image files, and has given masks as they are") {
+  const TemporaryFolder folder;
+  write_n3dv(folder / "in", 4, 6);
+  cv::Mat mask = cv::Mat::zeros(kHeight, kWidth, CV_8UC1);
+  mask.colRange(0, kWidth / 2).setTo(255);
+  for (int f = 0; f < 6; ++f)
+    write_image(fmt::format("{}/in/masks/cam02/{:06}.png", folder.path, f), mask);
+  const auto in_files = open(folder / "in", {}, 3), in_memory = open(folder / "in", {}, 3);
+  for (std::size_t i = 0; i < 2; ++i) {
+    const std::string files = fmt::format("{}/files{}", folder.path, i),
+                      memory = fmt::format("{}/memory{}", folder.path, i);
+    (void)prepared(*in_files, i, files);
+    const auto expected = read_prepared_capture(files);
+    REQUIRE(expected.ok());
+    const auto found = in_memory->prepare(i, memory, false, {}, {});
+    REQUIRE(found.ok());
+    CHECK(found->memory_only);
+    CHECK_FALSE(fs::exists(memory + "/frames"));
+    CHECK_FALSE(fs::exists(memory + "/masks"));
+    for (const Camera& camera : found->cameras) {
+      for (int f = 0; f < 3; ++f) {
+        CHECK(load_frame(*found, camera, f)->data == load_frame(*expected, camera, f)->data);
+        if (!camera.test) CHECK(has_mask(*found, camera, f));
+        CHECK(load_mask(*found, camera, f)->data == load_mask(*expected, camera, f)->data);
+      }
+    }
+    const auto copied = load_mask(*found, found->cameras[2], 1);
+    CHECK(int(copied->data[0]) == 255);
+    CHECK(int(copied->data[kWidth - 1]) == 0);
+    CHECK(bytes_of(memory + "/points_dynamic.ply") == bytes_of(files + "/points_dynamic.ply"));
+  }
+}
+
 TEST_CASE("windows are chosen by the length of the capture, and need dynamic points") {
   const TemporaryFolder folder;
   write_n3dv(folder / "in", 3, 6);

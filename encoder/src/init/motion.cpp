@@ -364,14 +364,14 @@ bool FlowPatch::at(double u, double v, cv::Vec2d* flow) const {
 Status find_motion(const PreparedCapture& capture, const View& view, const InitSettings& settings,
                    const Work& work, ViewMotion* motion) {
   namespace fs = std::filesystem;
-  motion->given_masks = fs::exists(capture.mask_path(*view.camera, 0));
+  motion->given_masks = has_mask(capture, *view.camera, 0);
   STGS_ASSIGN(const Background background, find_background(capture, view, motion->given_masks));
   motion->background = background.colour;
   motion->background_valid = background.valid;
   motion->flow.resize(capture.frames);
   motion->has_flow.assign(capture.frames, 0);
   motion->coverage.assign(capture.frames, 0);
-  if (!motion->given_masks) {
+  if (!motion->given_masks && !capture.memory_only) {
     std::error_code error;
     fs::create_directories(fs::path(capture.mask_path(*view.camera, 0)).parent_path(), error);
     if (error)
