@@ -63,21 +63,30 @@ int count_on_line(const Features& a, const Features& b, const cv::Matx33d& f) {
   return count;
 }
 
-// Adds the counts around a time to all pairs.
+// The features of the views around a time, by delay.
+using FeaturesAround = std::vector<std::array<Features, kDelays>>;
+
+// Adds the counts around a time to all pairs, of the delays from `least` to `most` in both
+// directions, whose features it finds.
 Status count_pairs(const PreparedCapture& capture, const std::vector<View>& views, int time,
-                   Work& work, std::vector<PairCounts>* pairs) {
-  std::vector<std::array<Features, kDelays>> features(views.size());
+                   int least, int most, Work& work, FeaturesAround* features,
+                   std::vector<PairCounts>* pairs) {
+  const auto is_counted = [&](int d) {
+    return std::abs(d - kMaxDelay) >= least && std::abs(d - kMaxDelay) <= most;
+  };
   STGS_TRY(work.for_each(int(views.size()) * kDelays, [&](int i) -> Status {
-    const int view = i / kDelays, delay = i % kDelays;
-    STGS_ASSIGN(features[view][delay],
-                moving_features(capture, views[view], time + delay - kMaxDelay));
+    const int view = i / kDelays, d = i % kDelays;
+    if (!is_counted(d)) return {};
+    STGS_ASSIGN((*features)[view][d], moving_features(capture, views[view], time + d - kMaxDelay));
     return {};
   }));
   return work.for_each(int(pairs->size()), [&](int i) -> Status {
     PairCounts& pair = (*pairs)[i];
     const cv::Matx33d f = fundamental_of(views[pair.a], views[pair.b]);
-    for (int d = 0; d < kDelays; ++d)
-      pair.on_line[d] += count_on_line(features[pair.a][kMaxDelay], features[pair.b][d], f);
+    for (int d = 0; d < kDelays; ++d) {
+      if (!is_counted(d)) continue;
+      pair.on_line[d] += count_on_line((*features)[pair.a][kMaxDelay], (*features)[pair.b][d], f);
+    }
     return {};
   });
 }
@@ -141,20 +150,27 @@ Status check_timing(const PreparedCapture& capture, const std::vector<View>& vie
                     const CalibrationCheck& calibration, Work& work, std::vector<LateCamera>* out) {
   out->clear();
   if (views.size() <= kMinAgreeing || capture.frames < kDelays) return {};
-  std::set<int> times;
+  std::set<int> distinct;
   for (int k = 1; k <= kTimes; ++k) {
-    times.insert(
+    distinct.insert(
         std::clamp(k * capture.frames / (kTimes + 1), kMaxDelay, capture.frames - 1 - kMaxDelay));
   }
-  work.stage("timing", 2 * static_cast<int>(times.size()));
+  const std::vector<int> times(distinct.begin(), distinct.end());
+  work.stage("timing", 4 * static_cast<int>(times.size()));
   std::vector<PairCounts> pairs;
   for (const auto& [a, b] : likely_pairs(views)) {
     if (!calibration.is_outlier(a) && !calibration.is_outlier(b)) pairs.push_back({a, b, {}});
   }
   std::vector<int> delays(views.size(), 0);
-  for (const int time : times) {
-    STGS_TRY(count_pairs(capture, views, time, work, &pairs));
-    if (are_in_time(pairs, delays)) return {};
+  std::vector<FeaturesAround> features(times.size(), FeaturesAround(views.size()));
+  // A camera that is in time has fewer matches with the frame before and the frame after, and the
+  // matches become fewer with the delay. Longer ones matter only in doubt.
+  const std::pair<int, int> ranges[] = {{0, 1}, {2, kMaxDelay}};
+  for (const auto& [least, most] : ranges) {
+    for (std::size_t k = 0; k < times.size(); ++k) {
+      STGS_TRY(count_pairs(capture, views, times[k], least, most, work, &features[k], &pairs));
+      if (are_in_time(pairs, delays)) return {};
+    }
   }
   // One by one, because a late camera makes its partners look early. Most are in time.
   while (2 * (out->size() + 1) < views.size()) {

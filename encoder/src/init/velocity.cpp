@@ -12,6 +12,8 @@ namespace {
 
 constexpr int kMatchRounds = 6;
 constexpr int kMinForMedian = 3;
+constexpr std::size_t kWide = 25,
+                      kNarrow = 9;  // neighbours that smooth, in all rounds and the last
 constexpr int kMeasuredFrames = 6;  // compare the two estimates
 // Flow of all frames takes long, so its residual has to be this fraction of the other at most.
 constexpr double kClearlyLess = 0.99;
@@ -64,26 +66,40 @@ bool known(const cv::Vec3d& v) {
   return v[0] == v[0];
 }
 
-// Replaces each velocity by the median of the known velocities around it, or by kUnknown if there
-// are fewer than kMinForMedian.
-Velocities smoothed(const std::vector<SurfacePoint>& points, const Velocities& raw, double reach,
-                    std::size_t neighbours) {
-  const Cloud cloud(points, 0.2 * reach / 255);
-  const Tree tree(Cloud::kDimensions, cloud);
-  Velocities out(points.size(), kUnknown);
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    const Neighbours near = nearest(tree, cloud.rows[i], neighbours);
-    std::vector<double> parts[3];
-    for (std::size_t k = 0; k < near.index.size(); ++k) {
-      const cv::Vec3d& v = raw[near.index[k]];
-      if (near.squared[k] > reach * reach || !known(v)) continue;
-      for (int d = 0; d < 3; ++d) parts[d].push_back(v[d]);
-    }
-    if (int(parts[0].size()) < kMinForMedian) continue;
-    out[i] = {median(parts[0]), median(parts[1]), median(parts[2])};
+// Smooths velocities of points among their nearest neighbours.
+class Smoother {
+ public:
+  // `most`: neighbours of a point, at most; those farther than `reach` do not count.
+  Smoother(const std::vector<SurfacePoint>& points, double reach, std::size_t most)
+      : reach_(reach) {
+    const Cloud cloud(points, 0.2 * reach / 255);
+    const Tree tree(Cloud::kDimensions, cloud);
+    for (const auto& row : cloud.rows) neighbours_.push_back(nearest(tree, row, most));
   }
-  return out;
-}
+
+  // Replaces each velocity by the median of the known velocities of the `count` nearest points, or
+  // by kUnknown if there are fewer than kMinForMedian.
+  Velocities smoothed(const Velocities& raw, std::size_t count) const {
+    Velocities out(raw.size(), kUnknown);
+    std::vector<double> parts[3];
+    for (std::size_t i = 0; i < raw.size(); ++i) {
+      const Neighbours& near = neighbours_[i];
+      for (auto& part : parts) part.clear();
+      for (std::size_t k = 0; k < std::min(count, near.index.size()); ++k) {
+        const cv::Vec3d& v = raw[near.index[k]];
+        if (near.squared[k] > reach_ * reach_ || !known(v)) continue;
+        for (int d = 0; d < 3; ++d) parts[d].push_back(v[d]);
+      }
+      if (int(parts[0].size()) < kMinForMedian) continue;
+      out[i] = {median(parts[0]), median(parts[1]), median(parts[2])};
+    }
+    return out;
+  }
+
+ private:
+  double reach_;
+  std::vector<Neighbours> neighbours_;  // nearest first
+};
 
 // The constraint of one view on a velocity: two rows of d(pixel)/d(world) and the flow.
 struct FlowRow {
@@ -150,6 +166,7 @@ Velocities match_velocities(const std::vector<SurfacePoint>& points,
   const double colour_weight = 2 * reach / 255;
   const Cloud from(points, colour_weight), to(next, colour_weight);
   const Tree tree(Cloud::kDimensions, to);
+  const Smoother smoother(points, reach, kWide);
   // The nearest point underestimates motion along the surface. Each round therefore searches again
   // from the position moved by the smoothed velocity.
   for (int round = 0; round < kMatchRounds; ++round) {
@@ -168,7 +185,7 @@ Velocities match_velocities(const std::vector<SurfacePoint>& points,
       }
       if (n > 0) raw[i] = sum * (1.0 / n);
     }
-    steps = smoothed(points, raw, reach, round + 1 < kMatchRounds ? 25 : 9);
+    steps = smoother.smoothed(raw, round + 1 < kMatchRounds ? kWide : kNarrow);
   }
   for (cv::Vec3d& step : steps) step *= sign;
   return steps;
@@ -195,7 +212,7 @@ Velocities flow_velocities(const std::vector<SurfacePoint>& points, const std::v
     const cv::Vec3d v = solve_flow(rows);
     if (cv::norm(v) <= reach) raw[i] = v;
   }
-  return smoothed(points, raw, reach, 9);
+  return Smoother(points, reach, kNarrow).smoothed(raw, kNarrow);
 }
 
 Velocities fill_unknown(const Velocities& first, const Velocities& second) {
