@@ -129,7 +129,7 @@ class Encode final : public Command {
     encoder::PreparedCapture shown = capture;
     if (training.foreground) shown.mask_background = encoder::kMaskBackground;
     if (!encoder::sample_views(shown, true, encoder::kMaxHeldOutImages).empty()) {
-      packing.against = prepared;
+      packing.against_capture = std::make_shared<const encoder::PreparedCapture>(capture);
       packing.foreground = training.foreground;
     }
     const EndAfterSignal end(session, output_ + ": not written");
@@ -204,7 +204,8 @@ class Encode final : public Command {
                                                      Session& session) const {
     if (windows != nullptr) {
       const EndAfterSignal end(session, prepared + ": not written");
-      return windows->prepare(0, prepared, true, session.progress_sink(), session.log_sink());
+      return windows->prepare(0, prepared, !keep_work_.empty(), session.progress_sink(),
+                              session.log_sink());
     }
     STGS_ASSIGN(const auto capture, encoder::read_prepared_capture(prepared));
     session.log(2,

@@ -200,7 +200,8 @@ class Preparer final : public WindowPreparer {
       window.memory_only = !files;
     }
     STGS_TRY(write_frames(source_, plans_, window, videos_, progress));
-    const InitSettings init = init_settings(capture_, source_, settings_);
+    InitSettings init = init_settings(capture_, source_, settings_);
+    init.write_report = files;
     STGS_TRY(index == 0 ? initialise(window, init, progress, log, &findings_)
                         : initialise_later(window, init, *findings_, progress, log));
     STGS_TRY(write_prepared_capture(window));

@@ -141,7 +141,7 @@ Status apply_metadata(const PackSettings& settings, SceneMetadata& metadata) {
 
 Status check_packing(const PackSettings& settings) {
   STGS_TRY(check_numbers(settings));
-  if (settings.foreground && settings.against.empty()) {
+  if (settings.foreground && settings.against.empty() && !settings.against_capture) {
     return usage_error("foreground has no effect without against, a prepared capture");
   }
   SceneMetadata metadata;
@@ -161,7 +161,12 @@ Result<HeldOutViews> load_held_out_views(const Scene& scene, const std::string& 
         "the packed scene",
         scene.parts.size());
   }
-  STGS_ASSIGN(PreparedCapture complete, read_prepared_capture(folder, settings.allow_outside));
+  PreparedCapture complete;
+  if (settings.against_capture) {
+    complete = *settings.against_capture;
+  } else {
+    STGS_ASSIGN(complete, read_prepared_capture(folder, settings.allow_outside));
+  }
   if (settings.foreground) complete.mask_background = kMaskBackground;
   STGS_ASSIGN(const PreparedCapture capture, capture_for_scene(complete, scene.metadata, name));
   STGS_TRY(check_same_times(capture, scene.metadata, name));
@@ -204,7 +209,7 @@ Status pack(const std::vector<std::string>& scene_paths, const std::string& outp
   STGS_ASSIGN(Scene scene, read_inputs(scene_paths, settings.limits, log, found));
   STGS_TRY(apply_metadata(settings, scene.metadata));
   std::optional<HeldOutViews> views;
-  if (!settings.against.empty()) {
+  if (!settings.against.empty() || settings.against_capture) {
     STGS_ASSIGN(views, load_held_out_views(scene, scene_paths.front(), settings, log));
   }
   STGS_TRY(report_progress(0.1, "compressing"));

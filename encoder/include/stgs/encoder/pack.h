@@ -3,11 +3,13 @@
 #pragma once
 
 #include <array>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "stgs/encoder/held_out.h"
+#include "stgs/encoder/prepared_capture.h"
 #include "stgs/encoder/progress.h"
 #include "stgs/encoder/rate_parameters.h"
 #include "stgs/format/parameter.h"
@@ -36,6 +38,8 @@ struct PackSettings {
   // Folder of a prepared capture whose test cameras measure the packing loss; empty: none. Valid
   // for a single scene only, not for windows.
   std::string against;
+  // Or that capture itself, with frames that may be in memory alone; null: none.
+  std::shared_ptr<const PreparedCapture> against_capture = nullptr;
   bool allow_outside = false;  // links in `against` may lead out of it
   bool foreground = false;     // the scene was trained with TrainSettings::foreground
   // Metadata to write in place of the scene's; unset or 0: the scene's.

@@ -103,8 +103,8 @@ class WindowPreparer {
   virtual const std::vector<FrameSpan>& windows() const = 0;
   // Prepares window `index` into `folder`, which appears complete or not at all, and returns the
   // window. Its frames are also in memory if they take at most a third of what is available; with
-  // `files` false they are then in memory alone. The first window
-  // is a complete prepared capture. A later one has no static points, which belong to the
+  // `files` false they are then in memory alone. There is no report without `files`. The first
+  // window is a complete prepared capture. A later one has no static points, which belong to the
   // persistent set, and the bounds of the first; if that was not prepared by this object, it is
   // analysed again. Prepare windows in ascending order: others decode the videos from the
   // beginning.
