@@ -9,6 +9,7 @@
 #include "fixtures/synthetic_capture.h"
 #include "fixtures/train_run.h"
 #include "stgs/encoder/windows.h"
+#include "train/train_state.h"
 
 using namespace stgs;
 using namespace stgs::encoder;
@@ -79,7 +80,6 @@ TEST_CASE("windows share static content, and an interrupted encoding resumes to 
   CHECK(scene->metadata.frames == kFrames);
   CHECK(scene->metadata.title == "Windows");
   CHECK_FALSE(scene->metadata.window);
-  CHECK(scene->parts.front().displayed_range().end > kFrames);
   std::uint64_t lasting = 0;
   for (const ScenePart& part : scene->parts)
     lasting += part.displayed_range().end > kFrames ? part.primitives : 0;
@@ -114,6 +114,59 @@ TEST_CASE("windows share static content, and an interrupted encoding resumes to 
   CAPTURE(test::mean_of(found), test::mean_of(expected), worst);
   CHECK(test::mean_of(found) > test::mean_of(expected) - 0.5);
   CHECK(worst > test::mean_of(found) - 0.5);
+}
+
+TEST_CASE("later windows leave the stored primitives as they are, to the bit") {
+  const SyntheticCapture synthetic(4, kFrames);
+  const auto first = extract_window(synthetic.capture, {0, kWindow}),
+             second = extract_window(synthetic.capture, {kWindow, 2 * kWindow});
+  PersistentSet set;
+  TrainSettings settings = test::short_run(240);
+  settings.refine_cameras = true;  // which changes more of the state
+  REQUIRE(train(*first, settings, nullptr, nullptr, nullptr, &set).ok());
+  const TrainState before = *set.state();
+  REQUIRE(before.count_fixed() > 50);
+  const std::string path = synthetic.capture.folder + "/a.set";
+  REQUIRE(set.write(path).ok());
+  auto read = PersistentSet::read(path);
+  INFO(read.status().message());
+  REQUIRE(read.ok());
+  REQUIRE(train(*second, settings, nullptr, nullptr, nullptr, &*read).ok());
+  const TrainState& after = *read->state();
+  REQUIRE(after.size() >= before.count_fixed());
+  for (std::size_t i = 0; i < before.count_fixed(); ++i) CHECK(after.is_fixed(i));
+  for (int a = 0; a < kAttributes; ++a) {
+    const FloatArray &x = before.values(a), &y = after.values(a);
+    const auto n = before.count_fixed() * static_cast<std::size_t>(before.components(a));
+    INFO(a);
+    CHECK(std::equal(x.begin(), x.begin() + static_cast<std::ptrdiff_t>(n), y.begin()));
+  }
+  settings.overrides.emplace_back("sh_degree", "2");
+  CHECK(train(*second, settings, nullptr, nullptr, nullptr, &*read).status().code() ==
+        StatusCode::kInvalidFile);
+}
+
+TEST_CASE("a window without motion adds nothing, and methods without static content are refused") {
+  const SyntheticCapture synthetic(4, kFrames);
+  REQUIRE(write_points(synthetic.capture.folder + "/points_dynamic.ply", {}).ok());
+  const std::string folder = new_folder(synthetic, "work");
+  const auto encoder = open(folder, settings_of());
+  CHECK(encode_next(*encoder, synthetic.capture).primitives > 0);
+  const StreamWindow second = encode_next(*encoder, synthetic.capture);
+  REQUIRE(encoder->finish(synthetic.capture.folder + "/still.stgs").ok());
+  const auto scene = read_scene(synthetic.capture.folder + "/still.stgs");
+  REQUIRE(scene.ok());
+  CHECK(scene->metadata.frames == 2 * kWindow);
+  CAPTURE(second.primitives);
+  StreamSettings settings = settings_of();
+  settings.train.ablate = "representation";
+  const std::string other = new_folder(synthetic, "other");
+  CHECK(StreamEncoder::open(other, settings).status().code() == StatusCode::kUsage);
+  settings = settings_of();
+  settings.pack.profile = Profile::kNearLossless;
+  CHECK(StreamEncoder::open(other, settings).status().code() == StatusCode::kUsage);
+  CHECK(StreamEncoder::open(synthetic.capture.folder, settings_of()).status().code() ==
+        StatusCode::kUsage);
 }
 
 TEST_CASE("a cancelled window leaves the recording as it was") {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <algorithm>
+#include <fmt/ranges.h>
+
 #include <filesystem>
 #include <optional>
 
@@ -15,9 +16,8 @@
 namespace stgs::tools {
 namespace {
 
-// The options that do not change the file. Each has a value.
-constexpr std::string_view kWithoutEffect[] = {"--keep-work", "--log-level", "--progress",
-                                               "--threads",   "--format",    "--frame-memory"};
+// With fewer frames, moving content looks static.
+constexpr int kMinWindow = 8;
 
 // The modification time of a file; none if it does not exist.
 using WriteTime = std::optional<std::filesystem::file_time_type>;
@@ -44,9 +44,10 @@ class Encode final : public Command {
         "scene. Ctrl-C stops it and leaves an existing output unchanged. --checkpoint and\n"
         "--resume require --keep-work: training resumes on the capture prepared there, and\n"
         "--resume does not prepare it again.\n"
-        "A capture of more than 300 frames, or with --window, is encoded in windows of time that\n"
-        "share static content. It takes the memory of one window, and the same command continues\n"
-        "after the last complete window of an interrupted run, in the folder OUTPUT.work.",
+        "With --window, a capture of any length is encoded in windows of time that share static\n"
+        "content. It takes the memory of two windows, and the same command continues after the "
+        "last\n"
+        "complete window of an interrupted run, in the folder OUTPUT.work.",
         "  stgs encode capture/ -o scene.stgs\n"
         "  stgs encode capture/ -o scene.stgs --preset fast --frames 0:60 --keep-work work/\n"
         "  stgs encode capture/ -o scene.stgs --window 60\n"
@@ -57,13 +58,14 @@ class Encode final : public Command {
   void declare(Arguments& app) override {
     app.add_option("CAPTURE", capture_, "Folder of videos or images")->required();
     app.add_option("-o,--output", output_, "Output file (.stgs)")->required();
-    app.add_option("--keep-work", keep_work_,
-                   "Keep prepared/ and trained.stgs in this folder, also for --resume");
     app.add_option(
-           "--window", window_,
-           "Encode windows of this many frames, one after the other; 0: all frames at once. "
-           "Default: two seconds for a capture of more than 300 frames, else 0")
-        ->check(number_between(0, 1e6));
+        "--keep-work", keep_work_,
+        "Keep prepared/ and trained.stgs in this folder, also for --resume; with --window, "
+        "the state of the run");
+    app.add_option("--window", window_,
+                   "Encode windows of this many frames, one after the other, which share static "
+                   "content. Default: all frames at once")
+        ->check(number_between(kMinWindow, 1e6));
     prepare_.declare(app);
     train_.declare(app, true);
     pack_.declare(app);
@@ -87,12 +89,18 @@ class Encode final : public Command {
         train_.settings(session,
                         {{"--output", output_}, work_path("/prepared"), work_path("/trained.stgs")},
                         keep_work_));
+    if (window_ > 0 && !training.resume.empty()) {
+      return usage_error(
+          "--window and --resume exclude each other: an interrupted run in windows continues with "
+          "the same command");
+    }
     STGS_TRY(check_resumable(training));
     STGS_TRY(session.claim_output(output_));
     STGS_TRY(encoder::check_packing(pack_.settings()));
     // Before the long prepare; again once the size of the images is known.
     STGS_TRY(encoder::check_training(training, nullptr));
     if (!training.resume.empty()) STGS_TRY(check_prepared());
+    STGS_TRY(check_not_prepared(training));
     std::unique_ptr<encoder::WindowPreparer> windows;
     if (training.resume.empty()) {
       STGS_ASSIGN(windows, open_stage(capture_, window_, prepare_, session,
@@ -153,6 +161,15 @@ class Encode final : public Command {
                        keep_work_);
   }
 
+  // Before the capture is read, which can take long.
+  Status check_not_prepared(const encoder::TrainSettings& training) const {
+    const std::string prepared = keep_work_ + "/prepared";
+    if (keep_work_.empty() || window_ > 0 || !training.resume.empty() || prepare_.overwrite() ||
+        !std::filesystem::exists(prepared))
+      return {};
+    return usage_error("{}: exists; name another folder, or replace it with --overwrite", prepared);
+  }
+
   Status check_prepared() const {
     const std::string prepared = keep_work_ + "/prepared";
     if (std::filesystem::exists(prepared)) return {};
@@ -165,37 +182,37 @@ class Encode final : public Command {
   Status encode_all(encoder::WindowPreparer& windows, const encoder::TrainSettings& training,
                     Session& session) const {
     if (!training.checkpoint.empty() || !training.log_path.empty() || !train_.report().empty() ||
-        training.target_size > 0) {
+        training.target_size > 0 || training.target_kbps > 0 || training.max_seconds > 0) {
       return usage_error(
-          "{}: --checkpoint, --log, --report and --target-size need all frames at once, but the "
-          "capture is encoded in windows; remove them, or use --window 0 (an interrupted run "
-          "continues by itself)",
+          "{}: --checkpoint, --log, --report, --max-seconds, --target-kbps and --target-size need "
+          "all frames at once; remove them, or --window (an interrupted run continues by itself)",
           capture_);
     }
     encoder::StreamSettings settings;
     settings.train = training;
     settings.pack = pack_.settings();
-    settings.pack.target_kbps = settings.pack.target_psnr = 0;  // the windows are trained for it
+    // The windows are trained for these.
+    settings.pack.quality = settings.pack.target_psnr = 0;
+    settings.train.held_out_evaluations = 0;
     settings.title = train_.title();
-    settings.identity = identity_of(windows, session);
+    STGS_ASSIGN(settings.identity, identity_of(windows, settings));
     const std::string work = keep_work_.empty() ? output_ + ".work" : keep_work_;
     return encode_windows(windows, settings, work, !keep_work_.empty(), output_, session);
   }
 
-  // Returns a description of all inputs of the run.
-  std::string identity_of(const encoder::WindowPreparer& windows, const Session& session) const {
-    std::string text = fmt::format("capture {}\nframes {}\nwindow {}\n",
-                                   std::filesystem::absolute(capture_).lexically_normal().string(),
-                                   windows.windows().back().end, windows.windows().front().end);
-    bool is_value = false;  // of an option without effect on the file
-    for (const std::string& argument : session.arguments) {
-      const bool ignored = std::any_of(
-          std::begin(kWithoutEffect), std::end(kWithoutEffect),
-          [&](std::string_view option) { return std::string_view(argument).starts_with(option); });
-      if (!ignored && !is_value) text += argument + "\n";
-      is_value = ignored && argument.find('=') == std::string::npos;
+  // Returns a description of all inputs of the run but the training settings.
+  static Result<std::string> identity_of(const encoder::WindowPreparer& windows,
+                                         const encoder::StreamSettings& settings) {
+    STGS_ASSIGN(std::string text, windows.identity());
+    text +=
+        fmt::format("title {}\nprofile {}\n", settings.title, profile_name(settings.pack.profile));
+    encoder::PackParameters::for_each([&](const Parameter& parameter, const auto& member) {
+      text += fmt::format("{} {}\n", parameter.name, member(settings.pack));
+    });
+    for (const auto* vector : {&settings.pack.up, &settings.pack.floor}) {
+      if (*vector) text += fmt::format("vector {}\n", fmt::join(**vector, " "));
     }
-    return text;
+    return text + fmt::format("audio {}\n", settings.pack.audio.value_or(""));
   }
 
   Result<encoder::PreparedCapture> prepare_or_resume(encoder::WindowPreparer* windows,
@@ -250,7 +267,7 @@ class Encode final : public Command {
   }
 
   std::string capture_, output_, keep_work_;
-  int window_ = encoder::kAutomaticWindow;
+  int window_ = 0;  // 0: all frames at once
   PrepareOptions prepare_;
   TrainOptions train_;
   PackOptions pack_;

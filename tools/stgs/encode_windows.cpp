@@ -57,7 +57,8 @@ class WindowLoop {
       STGS_TRY(prepared.status());
       if (i + 1 < windows.size()) {
         next_ = std::async(std::launch::async, [this, i] {
-          return prepare(i + 1, [this](const encoder::Progress&) { return !stopped_; });
+          return prepare(i + 1,
+                         [this](const encoder::Progress&) { return !stopped_ && !interrupted(); });
         });
       }
       STGS_TRY(encode(i, *prepared));
@@ -109,13 +110,15 @@ class WindowLoop {
   std::future<Result<PreparedWindow>> next_;  // last: its destructor waits for the thread
 };
 
-// Removes what killed runs have left of prepared windows, also incomplete ones.
+// Removes the prepared windows of killed runs, also incomplete ones, from a folder of this verb.
 void remove_prepared(const std::string& work) {
   std::error_code ignored;
   std::vector<fs::path> found;
   for (const auto& entry : fs::directory_iterator(work, ignored)) {
     const std::string name = entry.path().filename().string();
-    if (name.starts_with("window-") || name.starts_with(".window-")) found.push_back(entry.path());
+    const std::size_t at = name.starts_with('.') ? 1 : 0;
+    if (name.compare(at, 8, "window-0") == 0 || name.compare(at, 8, "window-1") == 0)
+      found.push_back(entry.path());
   }
   for (const fs::path& path : found) fs::remove_all(path, ignored);
 }
@@ -162,9 +165,11 @@ Status encode_windows(encoder::WindowPreparer& preparer, const encoder::StreamSe
   fs::create_directories(work, error);
   if (error) return io_error("{}: cannot create: {}", work, error.message());
   STGS_TRY(session.claim_folder(work));
+  Result<std::unique_ptr<encoder::StreamEncoder>> opened =
+      encoder::StreamEncoder::open(work, settings);
+  if (!opened.ok()) fs::remove(work, error);  // if it is empty
+  STGS_ASSIGN(const std::unique_ptr<encoder::StreamEncoder> encoder, std::move(opened));
   remove_prepared(work);
-  STGS_ASSIGN(const std::unique_ptr<encoder::StreamEncoder> encoder,
-              encoder::StreamEncoder::open(work, settings));
   if (encoder->frames() > 0) {
     session.log(2, fmt::format("{}: resuming after frame {}", work, encoder->frames()));
   }
@@ -177,8 +182,9 @@ Status encode_windows(encoder::WindowPreparer& preparer, const encoder::StreamSe
   STGS_TRY(encoded);
   const double begin = now_seconds();
   STGS_TRY(encoder->finish(output));
-  if (!keep_work) fs::remove_all(work, error);
-  return print_result(loop.encoded(), encoder->persistent(), now_seconds() - begin, output,
+  const std::uint64_t persistent = encoder->persistent();
+  if (!keep_work) encoder->remove_files();
+  return print_result(loop.encoded(), persistent, now_seconds() - begin, output,
                       keep_work ? work : "", session);
 }
 

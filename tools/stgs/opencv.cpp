@@ -76,6 +76,7 @@ Result<std::unique_ptr<encoder::WindowPreparer>> open_windows(
     const std::string& capture, const encoder::PrepareSettings& settings, int window,
     Session& session) {
   STGS_ASSIGN(const OpenCvFunctions* const functions, opencv());
+  const EndAfterSignal end(session, capture + ": not read");
   return functions->open_windows(capture, settings, window, session.progress_sink(),
                                  session.log_sink());
 }

@@ -2,6 +2,7 @@
 #include "stgs/encoder/prepare.h"
 
 #include <unistd.h>
+#include <xxhash.h>
 
 #include <filesystem>
 #include <opencv2/core/utility.hpp>
@@ -13,6 +14,7 @@
 #include "init/init.h"
 #include "plural.h"
 #include "source_capture.h"
+#include "stgs/encoder/camera_json.h"
 #include "stgs/encoder/frame_memory.h"
 #include "stgs/format/output_path.h"
 #include "stgs/format/temporary.h"
@@ -24,7 +26,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kWindowSeconds = 2;
 constexpr double kMemoryShare = 1.0 / 3;  // of the available memory, for the frames of a window
 
 // Creates the missing parents of a path. The destructor deletes each of them that is empty.
@@ -125,20 +126,37 @@ class Preparer final : public WindowPreparer {
     STGS_ASSIGN(plans_, plan_frames(source_, settings_, complete_, log));
     log(2, fmt::format("{}: {}, frames {}:{}", capture_, plural(complete_.cameras.size(), "camera"),
                        complete_.first_frame, complete_.first_frame + complete_.frames));
-    if (window == kAutomaticWindow) {
-      const double ticks = complete_.time_base.ticks(kWindowSeconds);
-      window = complete_.frames > kMaxWholeFrames ? std::max(1, static_cast<int>(ticks)) : 0;
-    }
     windows_ = cut_into_windows(complete_.frames, window);
     if (windows_.size() > 1 && !settings_.separate_motion) {
       return usage_error(
-          "{}: windows need dynamic points, which --no-split disables; remove one of the options",
+          "{}: windows need dynamic points, which --no-split disables; remove it, or prepare all "
+          "frames at once",
           capture_);
     }
     return settings_.accept ? settings_.accept(complete_) : Status();
   }
 
   const std::vector<FrameSpan>& windows() const override { return windows_; }
+
+  Result<std::string> identity() const override {
+    std::string out = fmt::format(
+        "layout {}\nfps {}\nbackend {}\nseed {}\npoints {} {}\ntrusted {}\nframes {}:{}\nwindows "
+        "{}, "
+        "the first of {}\n",
+        layout_name(source_.layout), complete_.time_base.seconds(1), settings_.backend,
+        settings_.seed, settings_.max_static_points, settings_.max_dynamic_points,
+        settings_.trust_calibration, complete_.first_frame,
+        complete_.first_frame + complete_.frames, windows_.size(), windows_.front().size());
+    for (const Camera& camera : complete_.cameras)
+      out += camera_to_json(camera).dump() + (camera.test ? " test\n" : "\n");
+    for (const SourceCamera& camera : source_.cameras) {
+      if (!camera.video.empty()) STGS_TRY(add_version(camera.video, out));
+      for (const std::string& image : camera.images) STGS_TRY(add_version(image, out));
+      for (const std::string& mask : camera.masks) STGS_TRY(add_version(mask, out));
+    }
+    // Long, because it names every image.
+    return fmt::format("capture {:016x}\n", XXH3_64bits(out.data(), out.size()));
+  }
 
   Result<PreparedCapture> prepare(std::size_t index, const std::string& folder, bool files,
                                   const ProgressSink& progress, const LogSink& log) override {
@@ -162,6 +180,14 @@ class Preparer final : public WindowPreparer {
   }
 
  private:
+  // Adds the path, the size and the time of the last change of a file.
+  Status add_version(const std::string& path, std::string& out) const {
+    STGS_ASSIGN(const CaptureFile file, source_.files->open_file(path));
+    STGS_ASSIGN(const FileVersion version, file.version(path));
+    out += fmt::format("{} {} {}.{}\n", path, version.bytes, version.seconds, version.nanoseconds);
+    return {};
+  }
+
   // Runs `task` with a work folder, whose folder "prepared" then becomes the target.
   Status guarded_by_target(const std::string& folder, const LogSink& log,
                            const std::function<Status(const std::string& work)>& task) {

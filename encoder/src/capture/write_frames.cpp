@@ -138,7 +138,7 @@ Status write_mask(const CameraJob& job, int frame) {
                                  : write_png(job.capture.mask_path(job.camera, frame), mapped);
 }
 
-// Writes a frame, and keeps it in memory.
+// Writes a frame, and retains it in memory.
 Status write_mapped(const CameraJob& job, int frame, const cv::Mat& mapped) {
   const PreparedCapture& capture = job.capture;
   if (capture.memory) {
@@ -246,9 +246,14 @@ Status write_frames(const SourceCapture& source, const std::vector<CameraPlan>& 
       fs::create_directories(fs::path(capture.mask_path(camera, 0)).parent_path());
     }
   }
+  // After an error or a cancellation the readers are at unknown frames.
+  const auto clear = [&videos](Status status) {
+    if (!status.ok()) videos.readers.clear();
+    return status;
+  };
   FirstError error;
   const std::uint64_t total = plans.size() * static_cast<std::uint64_t>(capture.frames);
-  STGS_TRY(run_reporting("frames", total, progress, [&](Counter& counter) -> Status {
+  return clear(run_reporting("frames", total, progress, [&](Counter& counter) -> Status {
     parallel_for(std::size_t{0}, plans.size(), [&](std::size_t i) {
       if (counter.cancelled || error.stop()) return;
       const FrameMapping mapping(plans[i]);
@@ -258,7 +263,6 @@ Status write_frames(const SourceCapture& source, const std::vector<CameraPlan>& 
     });
     return error.status();
   }));
-  return {};
 }
 
 }  // namespace stgs::encoder

@@ -28,9 +28,9 @@ struct OpenVideos {
   int next_frame = 0;                                 // of the source
 };
 
-// Writes frames/ and the given masks/ to capture.folder, on all threads.
-// Frames are copied byte for byte if no camera needs a change. `videos`: those of an earlier call,
-// which continue if the frames follow. Do not use them after an error.
+// Writes frames/ and the given masks/ to capture.folder and capture.memory, on all threads; with
+// capture.memory_only to the latter alone. Frames are copied byte for byte if no camera needs a
+// change. `videos`: those of an earlier call, which continue if the frames follow.
 Status write_frames(const SourceCapture& source, const std::vector<CameraPlan>& plans,
                     const PreparedCapture& capture, OpenVideos& videos,
                     const ProgressSink& progress);

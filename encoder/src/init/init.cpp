@@ -22,6 +22,7 @@ struct StaticFindings {
   std::vector<std::string> agreeing;  // names of the cameras, in order
   init::StaticScene scene;            // of these views
   PreparedCapture bounds;             // its near_plane, extent, scene_centre and scene_radius
+  std::vector<InitialPoint> points;   // static
 };
 
 namespace {
@@ -324,6 +325,7 @@ std::shared_ptr<const StaticFindings> findings_of(const State& state) {
   for (const View& view : state.agreeing) out->agreeing.push_back(view.camera->name);
   out->scene = state.scene;
   set_bounds_from(state.capture, out->bounds);
+  out->points = state.static_points;
   return out;
 }
 
@@ -344,6 +346,7 @@ Status run_later(State& state, const StaticFindings& findings) {
   STGS_TRY(find_dynamic(state));
   STGS_TRY(find_velocities(state));
   collect_points(state);
+  state.static_points = findings.points;
   STGS_TRY(write_all_points(state));
   log_timings(state);
   return {};

@@ -36,8 +36,8 @@ struct InitSettings {
   bool write_report = true;
 };
 
-// What the first window of a long capture leaves for later ones: the cameras that points come from,
-// the depth of static content, and the bounds.
+// The findings in the first window of a long capture that later windows use: the cameras that
+// points come from, the depth of static content, the static points and the bounds.
 struct StaticFindings;
 
 // Computes the initial points of `capture`. Reads frames/ and existing masks/ of the training
@@ -50,8 +50,8 @@ Status initialise(PreparedCapture& capture, const InitSettings& settings,
                   const ProgressSink& progress, const LogSink& log,
                   std::shared_ptr<const StaticFindings>* findings = nullptr);
 
-// The same for a later window of the capture, which gets masks, dynamic points and the bounds of
-// the first window. There are neither static points nor a report.
+// The same for a later window of the capture, which gets masks and dynamic points of its own, and
+// the static points and bounds of the first window. There is no report.
 Status initialise_later(PreparedCapture& capture, const InitSettings& settings,
                         const StaticFindings& findings, const ProgressSink& progress,
                         const LogSink& log);

@@ -56,19 +56,53 @@ RecordSettings StreamEncoder::record_settings() const {
   return out;
 }
 
+namespace {
+
+// kUsage for settings with which windows cannot share content or be recorded.
+Status check_settings(const StreamSettings& settings, const TrainingChoice& choice) {
+  const Ablation& ablation = choice.ablation;
+  if (!ablation.representation || !ablation.initialisation) {
+    return usage_error(
+        "windows share the static primitives of the method sharptimegs; train all frames at once "
+        "with this method or ablation");
+  }
+  if (settings.pack.profile == Profile::kNearLossless) {
+    return usage_error(
+        "windows cannot be written in the profile {}, whose errors are known only at the end; "
+        "encode all frames at once, or use the profile {}",
+        profile_name(settings.pack.profile), profile_name(Profile::kQuantised));
+  }
+  return {};
+}
+
+// Returns whether the folder has a persistent set.
+bool has_set(const std::string& folder) {
+  std::error_code ignored;
+  for (const auto& entry : fs::directory_iterator(folder, ignored)) {
+    if (entry.path().extension() == ".set") return true;
+  }
+  return false;
+}
+
+}  // namespace
+
 Result<std::unique_ptr<StreamEncoder>> StreamEncoder::open(const std::string& folder,
                                                            const StreamSettings& settings) {
   STGS_TRY(check_training(settings.train, nullptr));
   STGS_TRY(check_packing(settings.pack));
   STGS_ASSIGN(const TrainingChoice choice, choose_training(settings.train));
+  STGS_TRY(check_settings(settings, choice));
   STGS_ASSIGN(const std::uint64_t training, settings_id(settings.train));
   std::unique_ptr<StreamEncoder> encoder(new StreamEncoder(folder, settings));
   encoder->later_iterations_ = std::max(
       1, static_cast<int>(std::lround(settings.later_share * choice.parameters.iterations)));
-  const std::string identity = fmt::format("training {:016x}\nseed {}\n{}", training,
-                                           settings.train.seed, settings.identity);
+  const std::string identity = fmt::format("stgs {}\ntraining {:016x}\nseed {}\n{}", STGS_VERSION,
+                                           training, settings.train.seed, settings.identity);
   const std::string identity_path = folder + "/identity.txt";
-  if (!fs::exists(encoder->recording_path())) {
+  std::error_code ignored;
+  if (!fs::exists(identity_path, ignored)) {
+    if (!fs::is_empty(folder, ignored))
+      return usage_error("{}: contains other files; name a new or empty folder", folder);
     STGS_TRY(write_file_atomically(
         identity_path, {reinterpret_cast<const std::uint8_t*>(identity.data()), identity.size()}));
     return encoder;
@@ -80,15 +114,32 @@ Result<std::unique_ptr<StreamEncoder>> StreamEncoder::open(const std::string& fo
         "command to complete it, or remove the folder",
         folder);
   }
-  STGS_TRY(encoder->resume());
+  // A set is written before the first fragment, so without one there is none.
+  if (!has_set(folder)) {
+    fs::remove(encoder->recording_path(), ignored);
+    return encoder;
+  }
+  if (fs::exists(encoder->recording_path(), ignored)) STGS_TRY(encoder->resume());
   return encoder;
 }
 
 Status StreamEncoder::resume() {
   STGS_ASSIGN(recorder_, SceneRecorder::resume(recording_path(), record_settings()));
-  if (frames() == 0) return {};
+  if (frames() == 0) {  // the first fragment was not completed
+    recorder_.reset();
+    std::error_code ignored;
+    fs::remove(recording_path(), ignored);
+    return {};
+  }
   STGS_ASSIGN(set_, PersistentSet::read(set_path(frames())));
+  STGS_ASSIGN(const PreparedCapture first, read_prepared_capture(folder_));
+  take_bounds(first);
   return {};
+}
+
+void StreamEncoder::take_bounds(const PreparedCapture& first) {
+  bounds_ = {first.near_plane, first.extent, first.scene_radius};
+  std::copy_n(first.scene_centre, 3, bounds_->centre);
 }
 
 int StreamEncoder::frames() const {
@@ -97,11 +148,37 @@ int StreamEncoder::frames() const {
 
 Result<StreamWindow> StreamEncoder::encode(const PreparedCapture& window,
                                            const ProgressSink& progress, const LogSink& log) {
+  try {
+    return encode_window(window, progress, log);
+  } catch (const std::exception& error) {
+    return runtime_error("encoding the window after frame {} failed: {}", frames(), error.what());
+  }
+}
+
+Result<StreamWindow> StreamEncoder::encode_window(PreparedCapture window,
+                                                  const ProgressSink& progress,
+                                                  const LogSink& log) {
   StreamWindow out;
   out.first_frame = frames();
   out.frames = window.frames;
   TrainSettings train_settings = settings_.train;
-  if (frames() > 0) train_settings.iterations = later_iterations_;
+  if (frames() > 0) {
+    train_settings.iterations = later_iterations_;
+    std::erase_if(train_settings.overrides,
+                  [](const auto& entry) { return entry.first == "iterations"; });
+  }
+  if (bounds_) {
+    window.near_plane = bounds_->near_plane;
+    window.extent = bounds_->extent;
+    window.scene_radius = bounds_->radius;
+    std::copy_n(bounds_->centre, 3, window.scene_centre);
+  } else {
+    // For a run that resumes.
+    PreparedCapture first = window;
+    first.folder = folder_;
+    STGS_TRY(write_prepared_capture(first));
+    take_bounds(first);
+  }
   PersistentSet set = set_;
   STGS_ASSIGN(const Scene scene, train(window, train_settings, progress, log, &out.training, &set));
   if (!recorder_) STGS_TRY(create_recording(scene));
@@ -133,14 +210,15 @@ Status StreamEncoder::append(const Scene& scene, int frames) {
   const Gaussians4D moving = primitives_of(scene, 0), persistent = primitives_of(scene, 1);
   const std::span<const float> importance = scene.importance;
   const auto begin = static_cast<std::uint32_t>(this->frames());
-  FragmentPart parts[] = {{persistent, {}, begin + kPersistentFrames}, {moving}};
+  // The first part with primitives determines the chunk of the file.
+  FragmentPart parts[] = {{moving}, {persistent, {}, begin + kPersistentFrames}};
   if (!importance.empty()) {
-    parts[0].importance = importance.subspan(moving.size());
-    parts[1].importance = importance.first(moving.size());
+    parts[0].importance = importance.first(moving.size());
+    parts[1].importance = importance.subspan(moving.size());
   }
   if (scene.quantisation && settings_.pack.quality == 0) {
     for (FragmentPart& part : parts) part.quality = scene.quantisation->quality;
-    parts[1].steps = &*scene.quantisation;
+    if (moving.size() > 0) parts[0].steps = &*scene.quantisation;
   }
   return recorder_->append(parts, begin + static_cast<std::uint32_t>(frames));
 }
@@ -148,11 +226,26 @@ Status StreamEncoder::append(const Scene& scene, int frames) {
 Status StreamEncoder::finish(const std::string& output) {
   if (frames() == 0) return usage_error("{}: no window has been encoded", output);
   recorder_.reset();
-  STGS_ASSIGN(std::unique_ptr<ByteSource> recording, open_file(recording_path()));
-  DamageReport damage;
-  STGS_TRY(finalize_scene(std::move(recording), output, damage));
-  if (damage.segments == 0) return {};
-  return io_error("{}: damaged while it was written; check the disk", recording_path());
+  // Checked before the output is replaced.
+  const std::string checked = folder_ + "/finished.stgs";
+  for (const std::string& path : {checked, output}) {
+    STGS_ASSIGN(std::unique_ptr<ByteSource> recording, open_file(recording_path()));
+    DamageReport damage;
+    STGS_TRY(finalize_scene(std::move(recording), path, damage));
+    if (damage.any())
+      return io_error("{}: damaged while it was written; check the disk", recording_path());
+  }
+  std::error_code ignored;
+  fs::remove(checked, ignored);
+  return {};
+}
+
+void StreamEncoder::remove_files() {
+  recorder_.reset();
+  std::error_code ignored;
+  // The recording first: without it, what remains is no run to resume.
+  fs::remove(recording_path(), ignored);
+  fs::remove_all(folder_, ignored);
 }
 
 }  // namespace stgs::encoder

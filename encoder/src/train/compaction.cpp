@@ -88,12 +88,10 @@ Status Trainer::choose_size() {
   const double limit = byte_limit(settings_, capture_.time_base, capture_.frames);
   if (limit == 0) return {};
   STGS_ASSIGN(const std::vector<float> importance, pruning_importance());
-  std::vector<std::uint32_t> trained;  // fixed primitives are in the file of another window
+  // Fixed primitives were stored before.
+  const std::vector<std::uint32_t> trained = state_.list_trained();
   Scene scene;
   scene.metadata.frames = static_cast<std::uint32_t>(capture_.frames);
-  for (std::size_t i = 0; i < state_.size(); ++i) {
-    if (!state_.is_fixed(i)) trained.push_back(static_cast<std::uint32_t>(i));
-  }
   scene.gaussians = state_.set.gather(trained);
   for (const std::uint32_t i : trained) scene.importance.push_back(importance[i]);
   const std::vector<std::uint32_t> ranked = rank_by_importance(scene);
@@ -197,10 +195,22 @@ Status Trainer::begin_rounding() {
   CompactionState& compaction = state_.compaction;
   STGS_ASSIGN(compaction.importance, importance_now());
   const double frames = capture_.frames;
-  Quantisation quantisation =
-      choose_quantisation(state_.set, compaction.importance, frames, compaction.quality);
-  state_.set = round_lifespans(state_.set, quantisation, frames);
-  for (std::size_t i = 0; i < state_.size(); ++i) {
+  const std::vector<std::uint32_t> trained = state_.list_trained();
+  Gaussians4D set = state_.set.gather(trained);
+  std::vector<float> importance;
+  for (const std::uint32_t i : trained) importance.push_back(compaction.importance[i]);
+  Quantisation quantisation = choose_quantisation(set, importance, frames, compaction.quality);
+  set = round_lifespans(set, quantisation, frames);
+  for (std::size_t k = 0; k < trained.size(); ++k) {
+    const std::uint32_t i = trained[k];
+    state_.set.time[i] = set.time[k];
+    state_.set.sigma[i] = set.sigma[k];
+    state_.set.radius[i] = set.radius[k];
+    state_.set.opacity_logit[i] = set.opacity_logit[k];
+    for (std::size_t c = 0; c < 3; ++c) {
+      state_.set.position[3 * i + c] = set.position[3 * k + c];
+      state_.set.velocity[3 * i + c] = set.velocity[3 * k + c];
+    }
     const float sigma = state_.set.sigma[i], radius = state_.set.radius[i];
     const float f = ablation_.modulation ? math::lifespan_modulation(sigma, radius) : 1.0f;
     state_.log_sigma[i] = std::log(sigma);

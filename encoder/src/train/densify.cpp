@@ -125,7 +125,8 @@ DensifyRules densify_rules(const HyperParameters& parameters, const DensifyConte
 std::size_t max_growth(const HyperParameters& parameters, const DensifyContext& context,
                        std::size_t present, std::size_t fixed) {
   const auto limit = static_cast<std::size_t>(std::max(parameters.max_primitives, 0));
-  const std::size_t capacity = limit > present ? limit - present : 0;
+  const std::size_t counted = present - fixed;
+  const std::size_t capacity = limit > counted ? limit - counted : 0;
   if (context.plain) return capacity;
   return std::min(capacity, static_cast<std::size_t>(parameters.growth_limit *
                                                      static_cast<double>(present - fixed)));

@@ -28,7 +28,7 @@ struct DensifyContext {
 DensifyRules densify_rules(const HyperParameters& parameters, const DensifyContext& context);
 
 // Returns how many primitives one growth step may add to the `present` ones, `fixed` of which are
-// fixed.
+// fixed and do not count towards max_primitives.
 std::size_t max_growth(const HyperParameters& parameters, const DensifyContext& context,
                        std::size_t present, std::size_t fixed);
 // Returns how many of the `dead` primitives one step of the second stage may replace, with

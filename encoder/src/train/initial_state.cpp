@@ -5,11 +5,13 @@
 #include <cmath>
 #include <map>
 #include <nanoflann.hpp>
+#include <optional>
 
 #include "stgs/encoder/windows.h"
 #include "stgs/format/math/lifespan.h"
 #include "stgs/format/math/sh.h"
 #include "stgs/format/parallel.h"
+#include "train/checkpoint.h"
 #include "train/coupled_state.h"
 #include "train/foreground.h"
 #include "train/initial_points.h"
@@ -81,11 +83,11 @@ void subsample(std::vector<InitialPoint>& points, std::size_t limit, Random rand
   points = std::move(selected);
 }
 
-// `present`: primitives that exist already and replace the static points.
+// `present`: primitives that replace the static points and count towards max_primitives.
 Result<std::vector<InitialPoint>> load_points(const PreparedCapture& capture,
                                               const HyperParameters& parameters,
                                               const Ablation& ablation, std::uint64_t seed,
-                                              std::size_t present) {
+                                              std::optional<std::size_t> present) {
   STGS_ASSIGN(InitialPoints read, read_initial_points(capture));
   std::vector<InitialPoint>& static_points = read.statics;
   std::vector<InitialPoint>& dynamic_points = read.dynamics;
@@ -102,14 +104,14 @@ Result<std::vector<InitialPoint>> load_points(const PreparedCapture& capture,
       std::fill_n(point.velocity, 3, 0.0f);
     }
   }
-  if (present > 0) static_points.clear();
+  if (present) static_points.clear();
   // Relocation adds none.
   const double fraction =
       ablation.densification == Densification::kRelocation ? 1.0 : kInitialFraction;
   const auto budget = std::max(
-      std::size_t{1},
-      static_cast<std::size_t>(
-          fraction * std::max(0.0, parameters.max_primitives - static_cast<double>(present))));
+      std::size_t{1}, static_cast<std::size_t>(
+                          fraction * std::max(0.0, parameters.max_primitives -
+                                                       static_cast<double>(present.value_or(0)))));
   const auto dynamic_budget =
       static_cast<std::size_t>(kDynamicFraction * static_cast<double>(budget));
   const std::size_t static_count =
@@ -117,7 +119,7 @@ Result<std::vector<InitialPoint>> load_points(const PreparedCapture& capture,
   subsample(dynamic_points, budget - static_count, Random(seed, 0, RandomPurpose::kInitial));
   subsample(static_points, static_count, Random(kSharedSeed, 0, RandomPurpose::kStatic));
   static_points.insert(static_points.end(), dynamic_points.begin(), dynamic_points.end());
-  if (static_points.empty() && present == 0) {
+  if (static_points.empty() && !present) {
     return invalid_file("{}: no initial points; run 'stgs prepare' again and check its report",
                         capture.folder);
   }
@@ -173,7 +175,8 @@ void set_primitive(const InitialPoint& point, float scale, const PreparedCapture
 // Returns the initial state without its background.
 Result<TrainState> initial_points_state(const PreparedCapture& capture,
                                         const HyperParameters& parameters, const Ablation& ablation,
-                                        std::uint64_t seed, std::size_t present = 0) {
+                                        std::uint64_t seed,
+                                        std::optional<std::size_t> present = {}) {
   STGS_ASSIGN(const std::vector<InitialPoint> points,
               load_points(capture, parameters, ablation, seed, present));
   std::map<int, std::vector<std::uint32_t>> by_frame;
@@ -231,9 +234,12 @@ bool remove_far(const Vicinity& vicinity, TrainState& state) {
 Result<TrainState> initial_state(const PreparedCapture& capture, const HyperParameters& parameters,
                                  const Ablation& ablation, std::uint64_t seed,
                                  const TrainState* persistent) {
-  if (persistent != nullptr && persistent->size() > 0) {
+  if (persistent != nullptr) {
+    STGS_TRY(check_state("persistent set", *persistent, capture, parameters.sh_degree,
+                         !ablation.representation, !persistent->cameras.empty()));
     STGS_ASSIGN(const TrainState fresh,
-                initial_points_state(capture, parameters, ablation, seed, persistent->size()));
+                initial_points_state(capture, parameters, ablation, seed,
+                                     persistent->size() - persistent->count_fixed()));
     TrainState state = *persistent;
     state.append(fresh);
     return state;

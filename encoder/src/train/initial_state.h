@@ -18,10 +18,11 @@ namespace stgs::encoder {
 //   more dynamic points.
 // - The background is estimated for the complete capture, independent of window and seed (except
 //   for rounding, because the initial scene is rendered to estimate it).
-// - `persistent`: the persistent content, or null. It comes first, and replaces the static points
-// and the
-//   background; colours and cameras are also taken from it.
-// kUsage if the initialisation is ablated but the capture has no dynamic points.
+// - `persistent`: the state of the persistent set, or null before the first window. Its primitives
+//   come first; they replace the static points. Background, colours and cameras are those of the
+//   set.
+// kUsage if the initialisation is ablated but the capture has no dynamic points; kInvalidFile if
+// the set belongs to another run.
 Result<TrainState> initial_state(const PreparedCapture& capture, const HyperParameters& parameters,
                                  const Ablation& ablation, std::uint64_t seed,
                                  const TrainState* persistent = nullptr);

@@ -56,6 +56,10 @@ TrainState persistent_state(const TrainState& trained, const std::vector<std::ui
     out.clear_moments(i);
     if (fixed) out.updates[i] = kFixed;
   }
+  out.cameras_first.assign(out.cameras.size(), CameraCorrection{});
+  out.cameras_second = out.camera_sums = out.cameras_first;
+  out.camera_updates.assign(out.cameras.size(), 0);
+  out.camera_views.assign(out.cameras.size(), 0);
   out.statistics.reset(out.size());
   out.iteration = 0;
   out.second_stage = out.opacity_resets = 0;

@@ -65,8 +65,17 @@ Gaussians4D rounded_set(const TrainState& state) {
   Gaussians4D out = state.set;
   const CompactionState& compaction = state.compaction;
   parallel_for(std::size_t{0}, state.size(), [&](std::size_t i) {
+    if (state.is_fixed(i)) return;
     round_primitive(state.set, compaction.rules, compaction.tier[i], i, out);
   });
+  return out;
+}
+
+std::vector<std::uint32_t> TrainState::list_trained() const {
+  std::vector<std::uint32_t> out;
+  for (std::size_t i = 0; i < size(); ++i) {
+    if (!is_fixed(i)) out.push_back(static_cast<std::uint32_t>(i));
+  }
   return out;
 }
 

@@ -115,6 +115,8 @@ struct TrainState {
   bool is_fixed(std::size_t i) const { return updates[i] == kFixed; }
   // Returns the number of fixed primitives.
   std::size_t count_fixed() const;
+  // Lists the others.
+  std::vector<std::uint32_t> list_trained() const;
   // Returns the number of values of an attribute per primitive.
   int components(int attribute) const;
   // Returns the values of an attribute.

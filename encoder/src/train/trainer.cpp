@@ -97,6 +97,7 @@ Status Trainer::prepare_state() {
                         "no more initial points",
                         state_.size(), growth_.max_primitives, capture_.folder));
   }
+  fixed_ = state_.count_fixed();
   STGS_TRY(prepare_cameras());
   evaluations_done_ = evaluations_due();
   return {};
@@ -123,7 +124,9 @@ Status Trainer::prepare_ranks() {
 
 Status Trainer::prepare_backend() {
   log_(2, fmt::format("training on {}", backend_->name()));
-  return backend_->reserve(train_plan({growth_, ablation_}, perceptual_, capture_.cameras));
+  TrainPlan plan = train_plan({growth_, ablation_}, perceptual_, capture_.cameras);
+  plan.primitives += state_.count_fixed();
+  return backend_->reserve(plan);
 }
 
 // Called last, because it takes longest.
@@ -225,6 +228,7 @@ Result<StepInput> Trainer::step_input() {
   if (settings_.foreground) input.lens.vignetting = 0;
   input.gather_statistics = plan.gather;
   set_schedule(p, capture_, progress, state_.is_coupled(), input);
+  if (fixed_ > 0) input.sh_degree = p.sh_degree;  // fixed primitives have all of theirs
   if (with_normals() && progress >= p.normal_from)
     input.weight_normal = static_cast<float>(growth_.weight_normal);
   if (state_.compaction.prunings > 0) set_compaction_schedule(input);
@@ -332,6 +336,8 @@ Status Trainer::run() {
 Status Trainer::train() {
   started_ = Clock::now();
   steps_read_ = state_.iteration;
+  // A window without moving content adds nothing to the persistent set.
+  if (persistent_ != nullptr && fixed_ == state_.size()) return {};
   densified_at_ = growth_progress();
   STGS_TRY(backend_->begin(state_));
   // A run that was already complete has its latest evaluation only in the log.
@@ -362,7 +368,7 @@ Status Trainer::train() {
   // After the checkpoint, for which the state was downloaded from the backend again.
   if (state_.compaction.is_rounding()) state_.set = rounded_set(state_);
   const std::size_t non_finite = remove_non_finite(state_);
-  if (state_.size() == 0) {
+  if (state_.size() == 0 && persistent_ == nullptr) {
     return runtime_error(
         "training left no primitives: {}; no scene is written",
         non_finite > 0 ? fmt::format("all {} have non-finite values", non_finite)

@@ -150,6 +150,7 @@ class Trainer {
 
   const PersistentSet* persistent_ = nullptr;  // null: not a window of a longer capture
   std::vector<std::uint32_t> stored_;          // in the set for the first time, ascending
+  std::size_t fixed_ = 0;                      // primitives of the state that are fixed
   PreparedCapture capture_;
   Fingerprint image_fingerprint_;  // when the run began
   TrainSettings settings_;

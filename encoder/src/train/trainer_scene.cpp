@@ -74,7 +74,7 @@ Result<Scene> Trainer::scene() {
   if (state_.compaction.is_rounding()) {
     scene.importance = state_.compaction.importance;
     scene.quantisation = state_.compaction.quantisation;
-  } else if (ranks_.is_first()) {
+  } else if (ranks_.is_first() && state_.size() > fixed_) {
     STGS_ASSIGN(scene.importance, importance());
   }
   SceneMetadata& metadata = scene.metadata;

@@ -15,11 +15,11 @@ namespace stgs::encoder {
 
 struct TrainState;
 
-// A value: what a window leaves for the next one. Copies share the content, which does not change;
-// thread-safe.
+// The result of a window that the next one starts from. Copies share the content, which does not
+// change; thread-safe.
 class PersistentSet {
  public:
-  // That of the first window: nothing.
+  // An empty set, for the first window.
   PersistentSet() = default;
   // See persistent_state() (train/persistence.h).
   explicit PersistentSet(std::shared_ptr<const TrainState> state) : state_(std::move(state)) {}

@@ -78,11 +78,6 @@ struct FrameSpan {
   bool operator==(const FrameSpan&) const = default;
 };
 
-// Let WindowPreparer choose the windows: two seconds each if there are more than kMaxWholeFrames
-// frames, else a single one.
-inline constexpr int kAutomaticWindow = -1;
-inline constexpr int kMaxWholeFrames = 300;
-
 // Cuts [0, frames) into windows of `length` frames. The last one is up to half as long again, or
 // shorter, but not by more than half. length 0: one window.
 std::vector<FrameSpan> cut_into_windows(int frames, int length);
@@ -99,15 +94,17 @@ class WindowPreparer {
                                                       const ProgressSink& progress,
                                                       const LogSink& log);
   virtual ~WindowPreparer() = default;
+  // Returns a description of all that the windows depend on: settings, cameras and the versions of
+  // the files.
+  virtual Result<std::string> identity() const = 0;
   // Returns the windows, in frames of the capture.
   virtual const std::vector<FrameSpan>& windows() const = 0;
   // Prepares window `index` into `folder`, which appears complete or not at all, and returns the
   // window. Its frames are also in memory if they take at most a third of what is available; with
-  // `files` false they are then in memory alone. There is no report without `files`. The first
-  // window is a complete prepared capture. A later one has no static points, which belong to the
-  // persistent set, and the bounds of the first; if that was not prepared by this object, it is
-  // analysed again. Prepare windows in ascending order: others decode the videos from the
-  // beginning.
+  // `files` false they are then in memory alone. There is no report without `files`. A window after
+  // the first has the static points and the bounds of the first, which is analysed again if this
+  // object has not prepared it. Prepare windows in ascending order: for others, videos are decoded
+  // from the beginning.
   virtual Result<PreparedCapture> prepare(std::size_t index, const std::string& folder, bool files,
                                           const ProgressSink& progress, const LogSink& log) = 0;
 };

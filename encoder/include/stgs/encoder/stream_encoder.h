@@ -9,6 +9,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "stgs/encoder/pack.h"
@@ -46,9 +47,10 @@ struct StreamWindow {
 // One thread at a time.
 class StreamEncoder {
  public:
-  // Starts in the folder, which exists, or resumes after the last complete window. The folder holds
-  // the recording and the persistent set, and is the caller's to remove. Errors are those of
-  // check_training() and check_packing(); kUsage if the folder belongs to another run.
+  // Starts in the folder, which exists and is empty, or resumes after the last complete window. The
+  // folder holds the recording and the persistent set. Errors are those of check_training() and
+  // check_packing(); kUsage if the folder belongs to another run or has other files, and for a
+  // method without static primitives or the near-lossless profile.
   static Result<std::unique_ptr<StreamEncoder>> open(const std::string& folder,
                                                      const StreamSettings& settings);
 
@@ -57,17 +59,29 @@ class StreamEncoder {
   // Returns the number of primitives in the persistent set.
   std::uint64_t persistent() const { return set_.size(); }
   // Encodes the frames that follow. `window` is a prepared capture of these frames alone, with the
-  // cameras and bounds of the first window. After an error or a cancellation the recording ends
+  // cameras of the first window. After an error or a cancellation the recording ends
   // with the previous window.
   Result<StreamWindow> encode(const PreparedCapture& window, const ProgressSink& progress,
                               const LogSink& log);
   // Writes the finished file, atomically. kUsage before the first window.
   Status finish(const std::string& output);
+  // Removes the folder. Only the destructor may follow.
+  void remove_files();
 
  private:
   StreamEncoder(std::string folder, StreamSettings settings)
       : folder_(std::move(folder)), settings_(std::move(settings)) {}
 
+  // The bounds of the first window, which all windows are trained with.
+  struct Bounds {
+    float near_plane = 0, extent = 0;
+    double radius = 0;
+    double centre[3] = {0, 0, 0};
+  };
+
+  Result<StreamWindow> encode_window(PreparedCapture window, const ProgressSink& progress,
+                                     const LogSink& log);
+  void take_bounds(const PreparedCapture& first);
   std::string recording_path() const { return folder_ + "/recording.stgs"; }
   std::string set_path(int frames) const;
   RecordSettings record_settings() const;
@@ -80,6 +94,7 @@ class StreamEncoder {
   StreamSettings settings_;
   int later_iterations_ = 0;
   PersistentSet set_;
+  std::optional<Bounds> bounds_;             // none before the first window
   std::unique_ptr<SceneRecorder> recorder_;  // null before the first window
 };
 

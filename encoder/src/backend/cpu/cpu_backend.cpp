@@ -113,6 +113,7 @@ void CpuBackend::round() {
   parallel_blocks(
       std::size_t{0}, state_->size(), cpu::kBlock, [&](std::size_t first, std::size_t last) {
         for (std::size_t i = first; i < last; ++i) {
+          if (state_->is_fixed(i)) continue;  // has its values since begin()
           round_primitive(state_->set, compaction.rules, compaction.tier[i], i, rounded_);
         }
       });
