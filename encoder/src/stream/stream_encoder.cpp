@@ -243,7 +243,7 @@ Status StreamEncoder::finish(const std::string& output) {
 void StreamEncoder::remove_files() {
   recorder_.reset();
   std::error_code ignored;
-  // The recording first: without it, what remains is no run to resume.
+  // The recording first: without it, the rest is no run to resume.
   fs::remove(recording_path(), ignored);
   fs::remove_all(folder_, ignored);
 }

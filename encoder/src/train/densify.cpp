@@ -122,10 +122,14 @@ DensifyRules densify_rules(const HyperParameters& parameters, const DensifyConte
           context.vicinity};
 }
 
+std::size_t max_trained(const HyperParameters& parameters, std::size_t fixed) {
+  const auto limit = static_cast<std::size_t>(std::max(parameters.max_primitives, 0));
+  return limit - std::min(fixed, limit / 2);
+}
+
 std::size_t max_growth(const HyperParameters& parameters, const DensifyContext& context,
                        std::size_t present, std::size_t fixed) {
-  const auto limit = static_cast<std::size_t>(std::max(parameters.max_primitives, 0));
-  const std::size_t counted = present - fixed;
+  const std::size_t limit = max_trained(parameters, fixed), counted = present - fixed;
   const std::size_t capacity = limit > counted ? limit - counted : 0;
   if (context.plain) return capacity;
   return std::min(capacity, static_cast<std::size_t>(parameters.growth_limit *

@@ -27,8 +27,11 @@ struct DensifyContext {
 
 DensifyRules densify_rules(const HyperParameters& parameters, const DensifyContext& context);
 
+// Returns max_primitives for those that are not fixed: the fixed ones take at most half of it, so
+// that moving content has space however many there are.
+std::size_t max_trained(const HyperParameters& parameters, std::size_t fixed);
 // Returns how many primitives one growth step may add to the `present` ones, `fixed` of which are
-// fixed and do not count towards max_primitives.
+// fixed.
 std::size_t max_growth(const HyperParameters& parameters, const DensifyContext& context,
                        std::size_t present, std::size_t fixed);
 // Returns how many of the `dead` primitives one step of the second stage may replace, with

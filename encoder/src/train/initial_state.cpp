@@ -5,7 +5,6 @@
 #include <cmath>
 #include <map>
 #include <nanoflann.hpp>
-#include <optional>
 
 #include "stgs/encoder/windows.h"
 #include "stgs/format/math/lifespan.h"
@@ -13,6 +12,7 @@
 #include "stgs/format/parallel.h"
 #include "train/checkpoint.h"
 #include "train/coupled_state.h"
+#include "train/densify.h"
 #include "train/foreground.h"
 #include "train/initial_points.h"
 #include "train/random.h"
@@ -83,11 +83,11 @@ void subsample(std::vector<InitialPoint>& points, std::size_t limit, Random rand
   points = std::move(selected);
 }
 
-// `present`: primitives that replace the static points and count towards max_primitives.
+// `persistent`: the persistent set, which replaces the static points, or null.
 Result<std::vector<InitialPoint>> load_points(const PreparedCapture& capture,
                                               const HyperParameters& parameters,
                                               const Ablation& ablation, std::uint64_t seed,
-                                              std::optional<std::size_t> present) {
+                                              const TrainState* persistent) {
   STGS_ASSIGN(InitialPoints read, read_initial_points(capture));
   std::vector<InitialPoint>& static_points = read.statics;
   std::vector<InitialPoint>& dynamic_points = read.dynamics;
@@ -104,14 +104,16 @@ Result<std::vector<InitialPoint>> load_points(const PreparedCapture& capture,
       std::fill_n(point.velocity, 3, 0.0f);
     }
   }
-  if (present) static_points.clear();
+  if (persistent != nullptr) static_points.clear();
   // Relocation adds none.
   const double fraction =
       ablation.densification == Densification::kRelocation ? 1.0 : kInitialFraction;
+  const std::size_t fixed = persistent == nullptr ? 0 : persistent->count_fixed();
+  const std::size_t limit = max_trained(parameters, fixed);
+  const std::size_t candidates = persistent == nullptr ? 0 : persistent->size() - fixed;
   const auto budget = std::max(
       std::size_t{1}, static_cast<std::size_t>(
-                          fraction * std::max(0.0, parameters.max_primitives -
-                                                       static_cast<double>(present.value_or(0)))));
+                          fraction * static_cast<double>(limit - std::min(limit, candidates))));
   const auto dynamic_budget =
       static_cast<std::size_t>(kDynamicFraction * static_cast<double>(budget));
   const std::size_t static_count =
@@ -119,7 +121,7 @@ Result<std::vector<InitialPoint>> load_points(const PreparedCapture& capture,
   subsample(dynamic_points, budget - static_count, Random(seed, 0, RandomPurpose::kInitial));
   subsample(static_points, static_count, Random(kSharedSeed, 0, RandomPurpose::kStatic));
   static_points.insert(static_points.end(), dynamic_points.begin(), dynamic_points.end());
-  if (static_points.empty() && !present) {
+  if (static_points.empty() && persistent == nullptr) {
     return invalid_file("{}: no initial points; run 'stgs prepare' again and check its report",
                         capture.folder);
   }
@@ -176,9 +178,9 @@ void set_primitive(const InitialPoint& point, float scale, const PreparedCapture
 Result<TrainState> initial_points_state(const PreparedCapture& capture,
                                         const HyperParameters& parameters, const Ablation& ablation,
                                         std::uint64_t seed,
-                                        std::optional<std::size_t> present = {}) {
+                                        const TrainState* persistent = nullptr) {
   STGS_ASSIGN(const std::vector<InitialPoint> points,
-              load_points(capture, parameters, ablation, seed, present));
+              load_points(capture, parameters, ablation, seed, persistent));
   std::map<int, std::vector<std::uint32_t>> by_frame;
   for (std::size_t i = 0; i < points.size(); ++i) {
     by_frame[points[i].frame].push_back(static_cast<std::uint32_t>(i));
@@ -238,8 +240,7 @@ Result<TrainState> initial_state(const PreparedCapture& capture, const HyperPara
     STGS_TRY(check_state("persistent set", *persistent, capture, parameters.sh_degree,
                          !ablation.representation, !persistent->cameras.empty()));
     STGS_ASSIGN(const TrainState fresh,
-                initial_points_state(capture, parameters, ablation, seed,
-                                     persistent->size() - persistent->count_fixed()));
+                initial_points_state(capture, parameters, ablation, seed, persistent));
     TrainState state = *persistent;
     state.append(fresh);
     return state;
