@@ -26,8 +26,10 @@ Status encode(const std::string& prepared, const std::string& output, int length
   STGS_ASSIGN(const PreparedCapture capture, read_prepared_capture(prepared));
   WorkFolder folder;
   STGS_TRY(folder.create(output));
+  const std::string work = folder.path() + "/windows";
+  std::filesystem::create_directory(work);
   const double begin = now();
-  STGS_ASSIGN(const auto encoder, StreamEncoder::open(folder.path(), settings));
+  STGS_ASSIGN(const auto encoder, StreamEncoder::open(work, settings));
   STGS_ASSIGN(const std::vector<FrameSpan> spans, plan_windows(capture.frames, length, 0));
   for (const FrameSpan& span : spans) {
     STGS_ASSIGN(const PreparedCapture window, extract_window(capture, span));
