@@ -65,6 +65,13 @@ Status check(const PrepareSettings& settings) {
   return {};
 }
 
+// Also reports an unavailable backend, even if the rig turns out to need no stereo.
+Status check_all(const PrepareSettings& settings) {
+  STGS_TRY(check(settings));
+  return settings.backend == "auto" ? Status()
+                                    : geometry::make_matcher(settings.backend, {}).status();
+}
+
 // Allows replacing a prepared capture or an empty folder, but never the source capture.
 Status check_target(const std::string& capture, const std::string& folder, bool overwrite) {
   const fs::path target = fs::weakly_canonical(folder), source = fs::weakly_canonical(capture);
@@ -114,6 +121,33 @@ class SerialOpenCv {
   const int before_;
 };
 
+// Runs `task` with a work folder, whose folder "prepared" then becomes the target. Takes the lock
+// of the target, and removes the work of killed runs, before.
+Status guarded_by_target(const std::string& capture, const std::string& folder, bool overwrite,
+                         const LogSink& log,
+                         const std::function<Status(const std::string& work)>& task) {
+  try {
+    const SerialOpenCv serial;
+    const std::string target = (fs::path(folder) / "").parent_path().string();
+    STGS_TRY(check_target(capture, target, overwrite));
+    const Parents parents(target);
+    STGS_TRY(parents.created(target));
+    OutputLock lock;
+    STGS_TRY(lock.take(target));
+    // Again: before the lock was taken another prepare may have finished.
+    STGS_TRY(check_target(capture, target, overwrite));
+    clear_leftovers(target, log);
+    WorkFolder work;
+    STGS_TRY(work.create(target));
+    STGS_TRY(task(work.path()));
+    return replace_folder(work.path() + "/prepared", target, overwrite);
+  } catch (const fs::filesystem_error& error) {
+    return io_error("{}: {}", error.path1().string(), error.code().message());
+  } catch (const std::exception& error) {
+    return runtime_error("{}: {}", capture, error.what());
+  }
+}
+
 class Preparer final : public WindowPreparer {
  public:
   Preparer(std::string capture, PrepareSettings settings)
@@ -162,8 +196,8 @@ class Preparer final : public WindowPreparer {
                                   const ProgressSink& progress, const LogSink& log) override {
     const LogSink log_or_none = log ? log : [](int, const std::string&) {};
     PreparedCapture window;
-    const Status prepared =
-        guarded_by_target(folder, log_or_none, [&](const std::string& work) -> Status {
+    const Status prepared = guarded_by_target(
+        capture_, folder, settings_.overwrite, log_or_none, [&](const std::string& work) -> Status {
           if (index > 0 && !findings_) {
             log_or_none(2, fmt::format("{}: analysing the first window again", capture_));
             STGS_TRY(prepare_window(0, work + "/first", files, progress, log_or_none).status());
@@ -179,40 +213,7 @@ class Preparer final : public WindowPreparer {
     return window;
   }
 
- private:
-  // Adds the path, the size and the time of the last change of a file.
-  Status add_version(const std::string& path, std::string& out) const {
-    STGS_ASSIGN(const CaptureFile file, source_.files->open_file(path));
-    STGS_ASSIGN(const FileVersion version, file.version(path));
-    out += fmt::format("{} {} {}.{}\n", path, version.bytes, version.seconds, version.nanoseconds);
-    return {};
-  }
-
-  // Runs `task` with a work folder, whose folder "prepared" then becomes the target.
-  Status guarded_by_target(const std::string& folder, const LogSink& log,
-                           const std::function<Status(const std::string& work)>& task) {
-    try {
-      const SerialOpenCv serial;
-      const std::string target = (fs::path(folder) / "").parent_path().string();
-      STGS_TRY(check_target(capture_, target, settings_.overwrite));
-      const Parents parents(target);
-      STGS_TRY(parents.created(target));
-      OutputLock lock;
-      STGS_TRY(lock.take(target));
-      // Again: before the lock was taken another prepare may have finished.
-      STGS_TRY(check_target(capture_, target, settings_.overwrite));
-      clear_leftovers(target, log);
-      WorkFolder work;
-      STGS_TRY(work.create(target));
-      STGS_TRY(task(work.path()));
-      return replace_folder(work.path() + "/prepared", target, settings_.overwrite);
-    } catch (const fs::filesystem_error& error) {
-      return io_error("{}: {}", error.path1().string(), error.code().message());
-    } catch (const std::exception& error) {
-      return runtime_error("{}: {}", capture_, error.what());
-    }
-  }
-
+  // Prepares a window into a new folder, without a guard.
   Result<PreparedCapture> prepare_window(std::size_t index, const std::string& folder, bool files,
                                          const ProgressSink& progress, const LogSink& log) {
     fs::create_directory(folder);
@@ -232,6 +233,15 @@ class Preparer final : public WindowPreparer {
                         : initialise_later(window, init, *findings_, progress, log));
     STGS_TRY(write_prepared_capture(window));
     return window;
+  }
+
+ private:
+  // Adds the path, the size and the time of the last change of a file.
+  Status add_version(const std::string& path, std::string& out) const {
+    STGS_ASSIGN(const CaptureFile file, source_.files->open_file(path));
+    STGS_ASSIGN(const FileVersion version, file.version(path));
+    out += fmt::format("{} {} {}.{}\n", path, version.bytes, version.seconds, version.nanoseconds);
+    return {};
   }
 
   const std::string capture_;
@@ -262,9 +272,7 @@ Result<std::unique_ptr<WindowPreparer>> WindowPreparer::open(const std::string& 
                                                              int window,
                                                              const ProgressSink& progress,
                                                              const LogSink& log) {
-  STGS_TRY(check(settings));
-  // Report an unavailable backend now, even if the rig turns out to need no stereo.
-  if (settings.backend != "auto") STGS_TRY(geometry::make_matcher(settings.backend, {}).status());
+  STGS_TRY(check_all(settings));
   const LogSink log_or_none = log ? log : [](int, const std::string&) {};
   try {
     const SerialOpenCv serial;
@@ -280,17 +288,14 @@ Result<std::unique_ptr<WindowPreparer>> WindowPreparer::open(const std::string& 
 
 Status prepare(const std::string& capture, const std::string& folder,
                const PrepareSettings& settings, const ProgressSink& progress, const LogSink& log) {
-  STGS_TRY(check(settings));
-  try {
-    // Before the capture is read.
-    const std::string target = (fs::path(folder) / "").parent_path().string();
-    STGS_TRY(check_target(capture, target, settings.overwrite));
-  } catch (const fs::filesystem_error& error) {
-    return io_error("{}: {}", error.path1().string(), error.code().message());
-  }
-  STGS_ASSIGN(const std::unique_ptr<WindowPreparer> preparer,
-              WindowPreparer::open(capture, settings, 0, progress, log));
-  return preparer->prepare(0, folder, true, progress, log).status();
+  STGS_TRY(check_all(settings));
+  const LogSink log_or_none = log ? log : [](int, const std::string&) {};
+  Preparer preparer(capture, settings);
+  return guarded_by_target(
+      capture, folder, settings.overwrite, log_or_none, [&](const std::string& work) -> Status {
+        STGS_TRY(preparer.open(0, progress, log_or_none));
+        return preparer.prepare_window(0, work + "/prepared", true, progress, log_or_none).status();
+      });
 }
 
 }  // namespace stgs::encoder
