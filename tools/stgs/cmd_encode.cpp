@@ -185,7 +185,8 @@ class Encode final : public Command {
         training.target_size > 0 || training.target_kbps > 0 || training.max_seconds > 0) {
       return usage_error(
           "{}: --checkpoint, --log, --report, --max-seconds, --target-kbps and --target-size need "
-          "all frames at once; remove them, or --window (an interrupted run continues by itself)",
+          "all frames at once; remove them, or remove --window (an interrupted run in windows "
+          "resumes without a checkpoint)",
           capture_);
     }
     encoder::StreamSettings settings;

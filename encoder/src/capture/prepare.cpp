@@ -121,8 +121,8 @@ class SerialOpenCv {
   const int before_;
 };
 
-// Runs `task` with a work folder, whose folder "prepared" then becomes the target. Takes the lock
-// of the target, and removes the work of killed runs, before.
+// Runs `task` with a work folder, whose folder "prepared" then becomes the target. First takes the
+// lock of the target and removes the work folders of killed runs.
 Status guarded_by_target(const std::string& capture, const std::string& folder, bool overwrite,
                          const LogSink& log,
                          const std::function<Status(const std::string& work)>& task) {
@@ -188,7 +188,7 @@ class Preparer final : public WindowPreparer {
       for (const std::string& image : camera.images) STGS_TRY(add_version(image, out));
       for (const std::string& mask : camera.masks) STGS_TRY(add_version(mask, out));
     }
-    // Long, because it names every image.
+    // A hash, because the text names every image.
     return fmt::format("capture {:016x}\n", XXH3_64bits(out.data(), out.size()));
   }
 

@@ -12,9 +12,9 @@ namespace stgs::encoder::init {
 namespace {
 
 constexpr std::size_t kBatch = 3;  // views between which points are removed
-constexpr int kDepths = 160;       // of a ray that is examined
-constexpr int kExamined = 256;     // pixels of a box that are examined, about
-constexpr int kMaxStride = 4;      // between them, so that thin content is met
+constexpr int kDepths = 160;       // sampled depths of a ray
+constexpr int kExamined = 256;     // sampled pixels of a box, approximately
+constexpr int kMaxStride = 4;      // pixels between samples, so that thin content is found
 
 int views_needed(std::size_t views) {
   return int(std::clamp<std::size_t>(views, 2, 3));

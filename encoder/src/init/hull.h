@@ -34,8 +34,8 @@ struct DepthInterval {
 };
 
 // Returns the depths between the limits, which are above 0, at which rays through the masked pixels
-// of a box meet the hull, or nothing if none does. Examines a part of the pixels, and depths a
-// hundredth to two hundredths apart in the middle of a range of 1 to 8.
+// of a box meet the hull, or nothing if none does. Samples the pixels, each at 160 depths that are
+// evenly spaced in inverse depth; the interval is one sample larger on each side.
 std::optional<DepthInterval> hull_depths(const std::vector<Silhouette>& silhouettes,
                                          const View& view, const cv::Mat& mask, const cv::Rect& box,
                                          const DepthInterval& limits);

@@ -173,7 +173,7 @@ Result<StreamWindow> StreamEncoder::encode_window(PreparedCapture window,
     window.scene_radius = bounds_->radius;
     std::copy_n(bounds_->centre, 3, window.scene_centre);
   } else {
-    // For a run that resumes.
+    // A resumed run reads the bounds from it.
     PreparedCapture first = window;
     first.folder = folder_;
     STGS_TRY(write_prepared_capture(first));

@@ -237,8 +237,14 @@ Result<TrainState> initial_state(const PreparedCapture& capture, const HyperPara
                                  const Ablation& ablation, std::uint64_t seed,
                                  const TrainState* persistent) {
   if (persistent != nullptr) {
-    STGS_TRY(check_state("persistent set", *persistent, capture, parameters.sh_degree,
-                         !ablation.representation, !persistent->cameras.empty()));
+    const Status same = check_state("", *persistent, capture, parameters.sh_degree,
+                                    !ablation.representation, !persistent->cameras.empty());
+    if (!same.ok()) {
+      return invalid_file(
+          "{}: the persistent set of the previous window belongs to another run; remove the work "
+          "folder and encode again",
+          capture.folder);
+    }
     STGS_ASSIGN(const TrainState fresh,
                 initial_points_state(capture, parameters, ablation, seed, persistent));
     TrainState state = *persistent;

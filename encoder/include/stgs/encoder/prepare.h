@@ -87,8 +87,7 @@ std::vector<FrameSpan> cut_into_windows(int frames, int length);
 class WindowPreparer {
  public:
   // Reads the description of the capture, and calls settings.accept with all its frames. `capture`
-  // and `settings` as in prepare(). `window`: frames of a window; 0: the complete capture is one;
-  // or kAutomaticWindow.
+  // and `settings` as in prepare(). `window`: frames of a window; 0: the complete capture is one.
   static Result<std::unique_ptr<WindowPreparer>> open(const std::string& capture,
                                                       const PrepareSettings& settings, int window,
                                                       const ProgressSink& progress,

@@ -4,7 +4,7 @@
 // The first window trains all content of its frames. Its static content becomes the persistent set
 // (persistent_set.h), which is stored once and displayed until the capture ends. A later window
 // renders this set unchanged and trains only what it adds; static content that it uncovers joins
-// the set. Memory depends on a window, not on the capture.
+// the set. Memory is in proportion to a window, not to the capture.
 #pragma once
 
 #include <cstdint>

@@ -141,10 +141,10 @@ struct TrainReport {
 // Trains and returns the lossless scene. With several ranks, only rank 0's scene has importances.
 // A cancelled run writes its checkpoint first and returns kRuntime.
 //
-// `persistent`: not null for a window of a longer capture, with the set that the window before has
-// left. The window renders the stored primitives of the set and does not change them. Its scene has
-// two parts, which lack those: the primitives that end with the window, then those that it adds to
-// the stored ones. The set becomes that for the next window.
+// `persistent`: null, or for a window of a longer capture the persistent set of the previous window
+// (persistent_set.h), which is replaced by that of this window. The window renders the stored
+// primitives of the set unchanged. Its scene omits them and has two parts: the primitives that end
+// with the window, and those that it adds to the stored ones.
 Result<Scene> train(const PreparedCapture& capture, const TrainSettings& settings,
                     const ProgressSink& progress, const LogSink& log, TrainReport* report,
                     PersistentSet* persistent = nullptr);
