@@ -22,15 +22,30 @@ std::uint64_t FrameMemory::bytes_of(const std::vector<Camera>& cameras, int fram
 }
 
 void FrameMemory::add_frame(const std::string& camera, int frame, Image8 image) {
-  auto shared = std::make_shared<const Image8>(std::move(image));
+  add_frame(camera, frame, std::make_shared<const Image8>(std::move(image)));
+}
+
+void FrameMemory::add_frame(const std::string& camera, int frame, ImagePtr image) {
   const std::lock_guard lock(mutex_);
-  frames_[{camera, frame}] = std::move(shared);
+  frames_[{camera, frame}] = std::move(image);
 }
 
 void FrameMemory::add_mask(const std::string& camera, int frame, Image8 mask) {
   auto shared = std::make_shared<const Image8>(std::move(mask));
   const std::lock_guard lock(mutex_);
   masks_[{camera, frame}] = std::move(shared);
+}
+
+void FrameMemory::add_still(const std::string& camera, Image8 mask) {
+  auto shared = std::make_shared<const Image8>(std::move(mask));
+  const std::lock_guard lock(mutex_);
+  still_[camera] = std::move(shared);
+}
+
+FrameMemory::ImagePtr FrameMemory::still(const std::string& camera) const {
+  const std::lock_guard lock(mutex_);
+  const auto found = still_.find(camera);
+  return found == still_.end() ? nullptr : found->second;
 }
 
 FrameMemory::ImagePtr FrameMemory::frame(const std::string& camera, int frame) const {

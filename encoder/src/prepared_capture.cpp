@@ -270,6 +270,10 @@ Result<Image8> decode_frame(const PreparedCapture& capture, const Camera& camera
 
 }  // namespace
 
+bool has_frame(const PreparedCapture& capture, const Camera& camera, int frame) {
+  return !capture.memory_only || frame_in_memory(capture, camera, frame) != nullptr;
+}
+
 bool has_mask(const PreparedCapture& capture, const Camera& camera, int frame) {
   if (mask_in_memory(capture, camera, frame)) return true;
   if (capture.memory_only) return false;

@@ -5,7 +5,6 @@
 #include <xxhash.h>
 
 #include <filesystem>
-#include <opencv2/core/utility.hpp>
 #include <utility>
 #include <vector>
 
@@ -13,6 +12,7 @@
 #include "geometry/view_matcher.h"
 #include "init/init.h"
 #include "plural.h"
+#include "serial_opencv.h"
 #include "source_capture.h"
 #include "stgs/encoder/camera_json.h"
 #include "stgs/encoder/frame_memory.h"
@@ -108,18 +108,6 @@ InitSettings init_settings(const std::string& capture, const SourceCapture& sour
   init.points = source.points;
   return init;
 }
-
-// Makes OpenCV single-threaded in the whole process: our loops around its calls use all threads.
-class SerialOpenCv {
- public:
-  SerialOpenCv() : before_(cv::getNumThreads()) { cv::setNumThreads(1); }
-  ~SerialOpenCv() { cv::setNumThreads(before_); }
-  SerialOpenCv(const SerialOpenCv&) = delete;
-  SerialOpenCv& operator=(const SerialOpenCv&) = delete;
-
- private:
-  const int before_;
-};
 
 // Runs `task` with a work folder, whose folder "prepared" then becomes the target. First takes the
 // lock of the target and removes the work folders of killed runs.

@@ -3,10 +3,23 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <opencv2/imgproc.hpp>
+#include <optional>
+
+#include "stgs/format/parallel.h"
 
 namespace stgs::encoder::init {
 namespace {
+
+// Runs task(i) for i in [0, count) on all threads, also within a loop over frames: a live window
+// has few. Returns the error of the lowest index.
+Status in_parallel(int count, const std::function<Status(int)>& task) {
+  std::vector<Status> statuses(count);
+  parallel_for(0, count, [&](int i) { statuses[i] = task(i); });
+  for (Status& status : statuses) STGS_TRY(status);
+  return {};
+}
 
 constexpr int kMinMaskPixels = 6;
 constexpr double kConfirmedSlack = 1.06, kInterpolatedSlack = 1.3;  // for errors of static depth
@@ -150,10 +163,15 @@ DynamicFinder::DynamicFinder(const PreparedCapture& capture, const std::vector<V
 }
 
 Status DynamicFinder::load_silhouettes(int frame, std::vector<Silhouette>* out) const {
-  for (std::size_t i = 0; i < views_.size(); ++i) {
+  std::vector<std::optional<Silhouette>> found(views_.size());
+  const Status loaded = in_parallel(int(views_.size()), [&](int i) -> Status {
     STGS_ASSIGN(const cv::Mat mask, load_mask_image(capture_, views_[i], frame));
-    if (!mask.empty()) out->push_back(make_silhouette(views_[i], mask, hiding_[i]));
-  }
+    if (!mask.empty()) found[i] = make_silhouette(views_[i], mask, hiding_[i]);
+    return {};
+  });
+  STGS_TRY(loaded);
+  for (std::optional<Silhouette>& silhouette : found)
+    if (silhouette) out->push_back(*std::move(silhouette));
   return {};
 }
 
@@ -165,28 +183,38 @@ Status DynamicFinder::sweep_references(int frame, const DynamicHull& hull, const
     for (const int j : partners_[i]) is_used[j] = true;
   }
   std::vector<SweepImage> images(small_.size());
-  for (std::size_t i = 0; i < small_.size(); ++i) {
-    if (!is_used[i]) continue;
+  const Status loaded = in_parallel(int(small_.size()), [&](int i) -> Status {
+    if (!is_used[i] || !has_frame(capture_, *small_[i].camera, frame)) return {};
     STGS_ASSIGN(const cv::Mat rgb, load_image(capture_, small_[i], frame));
     images[i] = make_sweep_image(small_[i], rgb);
-  }
+    return {};
+  });
+  STGS_TRY(loaded);
   std::vector<SweptView> swept(small_.size());
-  for (const int i : references_) {
+  const Status depths = in_parallel(int(references_.size()), [&](int r) -> Status {
+    const int i = references_[r];
     STGS_TRY(work.check());
     STGS_ASSIGN(const cv::Mat mask, load_mask_image(capture_, small_[i], frame));
-    if (!mask.empty()) swept[i] = sweep_view(images, i, small_, partners_[i], mask, hull);
-  }
-  std::vector<Surface> surfaces;
+    std::vector<int> partners = partners_[i];
+    std::erase_if(partners, [&](int j) { return images[j].rgb.empty(); });
+    if (!mask.empty()) swept[i] = sweep_view(images, i, small_, partners, mask, hull);
+    return {};
+  });
+  STGS_TRY(depths);
+  std::vector<int> mapped;  // references with a depth map
   double tolerance = 0;
   for (const int i : references_) {
     if (swept[i].map.depth.empty()) continue;
-    std::vector<std::pair<const View*, const DepthMap*>> others;
-    for (const int j : references_) {
-      if (j != i && !swept[j].map.depth.empty()) others.emplace_back(&small_[j], &swept[j].map);
-    }
-    surfaces.push_back(surface_of(images[i], swept[i], others));
+    mapped.push_back(i);
     tolerance = std::max(tolerance, 3 * swept[i].step);
   }
+  std::vector<Surface> surfaces(mapped.size());
+  parallel_for(std::size_t{0}, mapped.size(), [&](std::size_t m) {
+    std::vector<std::pair<const View*, const DepthMap*>> others;
+    for (const int j : mapped)
+      if (j != mapped[m]) others.emplace_back(&small_[j], &swept[j].map);
+    surfaces[m] = surface_of(images[mapped[m]], swept[mapped[m]], others);
+  });
   if (!surfaces.empty()) choose(surfaces, tolerance, settings_.limit, out);
   return {};
 }

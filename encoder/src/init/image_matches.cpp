@@ -173,7 +173,8 @@ Status find_matches(const PreparedCapture& capture, const std::vector<View>& vie
     for (const PairMatches& pair : *out)
       if (is_open(pair, frame)) is_needed[pair.a] = is_needed[pair.b] = true;
     STGS_TRY(work.for_each(int(views.size()), [&](int i) -> Status {
-      if (!is_needed[i]) return {};
+      features[i] = {};
+      if (!is_needed[i] || !has_frame(capture, *views[i].camera, frame)) return {};
       STGS_ASSIGN(const cv::Mat image, load_image(capture, views[i], frame));
       features[i] = find_features(image, kMaxFeatures);
       return {};

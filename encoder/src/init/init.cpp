@@ -9,6 +9,7 @@
 #include "init/dynamic_points.h"
 #include "init/features.h"
 #include "init/motion.h"
+#include "init/point_frames.h"
 #include "init/report.h"
 #include "init/static_points.h"
 #include "init/timing_check.h"
@@ -87,7 +88,8 @@ Status find_all_motion(State& state) {
     });
   }
   STGS_TRY(state.work.for_each(int(state.views.size()), [&](int i) {
-    return find_motion(state.capture, state.views[i], state.settings, state.work, &state.motion[i]);
+    const auto find = state.settings.live ? find_live_motion : find_motion;
+    return find(state.capture, state.views[i], state.settings, state.work, &state.motion[i]);
   }));
   double share = 0;
   for (const ViewMotion& motion : state.motion) {
@@ -186,8 +188,9 @@ Status find_dynamic(State& state) {
   settings.limit = dynamic_limit(state);
   state.frames.resize(state.capture.frames);
   const DynamicFinder finder(state.capture, state.agreeing, state.scene, settings);
-  STGS_TRY(state.work.for_each(state.capture.frames, [&](int frame) {
-    return finder.find(frame, state.work, &state.frames[frame]);
+  const std::vector<int> chosen = point_frames(state.capture.frames, state.settings.point_interval);
+  STGS_TRY(state.work.for_each(int(chosen.size()), [&](int i) {
+    return finder.find(chosen[i], state.work, &state.frames[chosen[i]]);
   }));
   std::size_t points = 0, checked = 0;
   for (const DynamicFrame& frame : state.frames) {
@@ -195,14 +198,18 @@ Status find_dynamic(State& state) {
     checked += frame.checked;
   }
   state.work.log(fmt::format("dynamic points: {} in {} ({} confirmed by another view)", points,
-                             plural(state.frames.size(), "frame"), checked));
+                             plural(chosen.size(), "frame"), checked));
   return {};
 }
 
 Status find_velocities(State& state) {
-  VelocityInput input{state.capture, state.agreeing, state.agreeing_motion, state.frames, 0, {}};
+  VelocityInput input{state.capture, state.agreeing, state.agreeing_motion, state.frames, 0, {}, 1};
   // Upper bound of a plausible velocity: 1/15 of the image width at the focus.
   input.reach = state.scene.focus.depth * state.agreeing[0].width / state.agreeing[0].fx / 15;
+  if (state.settings.live) {
+    input.interval = std::clamp(state.settings.point_interval, 1, state.capture.frames);
+    return choose_velocities(input, state.work, &state.velocities);
+  }
   input.find_flow = [&state](const std::vector<int>& frames) {
     return state.work.for_each(int(frames.size() * state.agreeing.size()), [&](int i) {
       const std::size_t view = std::size_t(i) / frames.size();
@@ -287,7 +294,7 @@ Status run(State& state) {
   }
   STGS_TRY(check_calibration(state));
   STGS_TRY(find_all_motion(state));
-  if (state.settings.separate_motion)
+  if (state.settings.separate_motion && !state.settings.live)
     STGS_TRY(check_timing(state.capture, state.views, state.calibration, state.work, &state.late));
   select_agreeing(state);
   if (state.settings.use_colmap)

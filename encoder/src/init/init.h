@@ -14,6 +14,10 @@
 
 namespace stgs::encoder {
 
+namespace init {
+class LiveBackgrounds;
+}
+
 struct InitSettings {
   std::string name;  // of the capture, in messages
   // A known mistake in the calibration is a warning instead of an error, and points come from all
@@ -34,6 +38,11 @@ struct InitSettings {
   std::vector<InitialPoint> points;
   bool use_colmap = true;  // triangulate features with COLMAP if it is installed
   bool write_report = true;
+  // Of a capture that arrives window by window; null: another. Masks come from these backgrounds
+  // alone and velocities from nearest neighbours. Synchronisation is not checked, because the
+  // frames arrive with their times.
+  std::shared_ptr<init::LiveBackgrounds> live;
+  int point_interval = 1;  // every n-th frame has dynamic points (init/point_frames.h)
 };
 
 // The findings in the first window of a long capture that later windows use: the cameras that

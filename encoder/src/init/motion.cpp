@@ -7,139 +7,15 @@
 #include <opencv2/imgproc.hpp>
 #include <opencv2/video/tracking.hpp>
 
-#include "stgs/encoder/frame_memory.h"
+#include "init/background.h"
+#include "init/point_frames.h"
 
 namespace stgs::encoder::init {
 namespace {
 
-constexpr int kBackgroundSamples = 25;
 // Largest forward-backward error of reliable flow, pixels, plus 5 % of its length.
 constexpr double kRoundTrip = 0.75;
-
-struct Background {
-  cv::Mat colour, valid;  // 8-bit RGB; 8-bit 0 or 255
-  double noise = 1;       // standard deviation of a static pixel, grey levels
-};
-
-// Returns the median of each channel over the samples whose mask is 0 (an empty mask is 0
-// everywhere). The noise is the median over pixels of the median absolute deviation of green.
-Background median_of(const std::vector<cv::Mat>& samples, const std::vector<cv::Mat>& masks) {
-  const cv::Size size = samples[0].size();
-  Background out{cv::Mat(size, CV_8UC3, cv::Scalar::all(0)), cv::Mat(size, CV_8U, cv::Scalar(0)),
-                 1};
-  std::vector<int> histogram(256, 0);
-  std::uint8_t values[3][kBackgroundSamples];
-  long counted = 0;
-  for (int y = 0; y < size.height; ++y) {
-    for (int x = 0; x < size.width; ++x) {
-      int n = 0;
-      for (std::size_t s = 0; s < samples.size(); ++s) {
-        if (!masks[s].empty() && masks[s].at<std::uint8_t>(y, x)) continue;
-        const cv::Vec3b c = samples[s].at<cv::Vec3b>(y, x);
-        for (int k = 0; k < 3; ++k) values[k][n] = c[k];
-        ++n;
-      }
-      if (n == 0) continue;
-      cv::Vec3b& colour = out.colour.at<cv::Vec3b>(y, x);
-      for (int k = 0; k < 3; ++k) {
-        std::nth_element(values[k], values[k] + n / 2, values[k] + n);
-        colour[k] = values[k][n / 2];
-      }
-      out.valid.at<std::uint8_t>(y, x) = 255;
-      for (int i = 0; i < n; ++i) values[1][i] = std::uint8_t(std::abs(values[1][i] - colour[1]));
-      std::nth_element(values[1], values[1] + n / 2, values[1] + n);
-      ++histogram[values[1][n / 2]];
-      ++counted;
-    }
-  }
-  long below = 0;
-  for (int level = 0; level < 256 && counted > 0; ++level) {
-    // Interpolates within the level.
-    if (2 * (below + histogram[level]) >= counted) {
-      const double inside = (0.5 * double(counted) - double(below)) / histogram[level];
-      out.noise = std::clamp(1.4826 * (level - 0.5 + inside), 0.7, 12.0);
-      break;
-    }
-    below += histogram[level];
-  }
-  return out;
-}
-
-// Returns the largest channel difference after a light blur, 8-bit.
-cv::Mat difference(const cv::Mat& a, const cv::Mat& b) {
-  cv::Mat blurred_a, blurred_b, d;
-  cv::blur(a, blurred_a, {3, 3});
-  cv::blur(b, blurred_b, {3, 3});
-  cv::absdiff(blurred_a, blurred_b, d);
-  cv::Mat channels[3];
-  cv::split(d, channels);
-  return cv::max(cv::max(channels[0], channels[1]), channels[2]);
-}
-
-// Returns the per-pixel threshold of a change. It allows for noise, and for misregistration at
-// edges.
-cv::Mat change_threshold(const cv::Mat& background, double noise) {
-  cv::Mat grey, dx, dy, slope;
-  cv::cvtColor(background, grey, cv::COLOR_RGB2GRAY);
-  cv::blur(grey, grey, {3, 3});
-  cv::Sobel(grey, dx, CV_32F, 1, 0, 3, 1.0 / 8);
-  cv::Sobel(grey, dy, CV_32F, 0, 1, 3, 1.0 / 8);
-  cv::magnitude(dx, dy, slope);
-  cv::dilate(slope, slope, cv::Mat());
-  return cv::Mat(6.0 + 3.0 * noise + 0.15 * slope);
-}
-
-// Returns the components of `weak` with at least `smallest` pixels that contain a pixel of
-// `strong`.
-cv::Mat hysteresis(const cv::Mat& weak, const cv::Mat& strong, int smallest) {
-  cv::Mat labels, stats, centroids;
-  const int n = cv::connectedComponentsWithStats(weak, labels, stats, centroids, 8, CV_32S);
-  std::vector<std::uint8_t> keep(n, 0);
-  for (int y = 0; y < weak.rows; ++y) {
-    const int* label = labels.ptr<int>(y);
-    const std::uint8_t* seed = strong.ptr(y);
-    for (int x = 0; x < weak.cols; ++x) {
-      if (seed[x] && label[x] > 0) keep[label[x]] = 255;
-    }
-  }
-  for (int i = 1; i < n; ++i) {
-    if (stats.at<int>(i, cv::CC_STAT_AREA) < smallest) keep[i] = 0;
-  }
-  cv::Mat out(weak.size(), CV_8U);
-  for (int y = 0; y < weak.rows; ++y) {
-    for (int x = 0; x < weak.cols; ++x) {
-      out.at<std::uint8_t>(y, x) = keep[labels.at<int>(y, x)];
-    }
-  }
-  return out;
-}
-
-// Fills small holes, because the uniform interior of a moving object shows no change.
-void fill_holes(cv::Mat* mask) {
-  cv::Mat labels, stats, centroids;
-  const int n = cv::connectedComponentsWithStats(~*mask, labels, stats, centroids, 4, CV_32S);
-  const int largest = int(mask->total() / 120);
-  for (int i = 1; i < n; ++i) {
-    const cv::Rect box(stats.at<int>(i, cv::CC_STAT_LEFT), stats.at<int>(i, cv::CC_STAT_TOP),
-                       stats.at<int>(i, cv::CC_STAT_WIDTH), stats.at<int>(i, cv::CC_STAT_HEIGHT));
-    const bool at_border =
-        box.x == 0 || box.y == 0 || box.br().x == mask->cols || box.br().y == mask->rows;
-    if (at_border || stats.at<int>(i, cv::CC_STAT_AREA) > largest) continue;
-    (*mask)(box).setTo(255, labels(box) == i);
-  }
-}
-
-cv::Mat clean(const cv::Mat& weak, const cv::Mat& strong) {
-  const int smallest = std::max(8, int(weak.total() / 12000));
-  cv::Mat mask = hysteresis(weak, strong, smallest);
-  cv::morphologyEx(mask, mask, cv::MORPH_CLOSE,
-                   cv::getStructuringElement(cv::MORPH_ELLIPSE, {5, 5}));
-  fill_holes(&mask);
-  cv::morphologyEx(mask, mask, cv::MORPH_OPEN, cv::getStructuringElement(cv::MORPH_CROSS, {3, 3}));
-  mask = hysteresis(mask, strong, smallest);
-  cv::dilate(mask, mask, cv::getStructuringElement(cv::MORPH_CROSS, {3, 3}));
-  return mask;
-}
+constexpr int kLearntImages = 3;  // of a window, by a live background
 
 cv::Mat grey_of(const cv::Mat& rgb) {
   cv::Mat grey;
@@ -233,36 +109,6 @@ Result<cv::Mat> given_flow(const PreparedCapture& capture, const View& view,
   return flow;
 }
 
-Status write_mask(const PreparedCapture& capture, const View& view, int frame,
-                  const cv::Mat& mask) {
-  cv::Mat full;
-  const cv::Size size(view.camera->width, view.camera->height);
-  cv::resize(mask, full, size, 0, 0, cv::INTER_LINEAR);
-  full = full >= 128;
-  if (capture.memory) {
-    capture.memory->add_mask(view.camera->name, frame,
-                             {full.cols, full.rows, 1, {full.datastart, full.dataend}});
-  }
-  if (capture.memory_only) return {};
-  return write_png(capture.mask_path(*view.camera, frame), full);
-}
-
-Result<Background> find_background(const PreparedCapture& capture, const View& view,
-                                   bool use_masks) {
-  std::vector<cv::Mat> samples, masks;
-  const int count = std::min(capture.frames, kBackgroundSamples);
-  for (int i = 0; i < count; ++i) {
-    const int frame = count == 1 ? 0 : int(std::int64_t(i) * (capture.frames - 1) / (count - 1));
-    STGS_ASSIGN(samples.emplace_back(), load_image(capture, view, frame));
-    masks.emplace_back();
-    if (!use_masks) continue;
-    STGS_ASSIGN(cv::Mat mask, load_mask_image(capture, view, frame));
-    // Masks from other tools often exclude the blurred border of an object.
-    if (!mask.empty()) cv::dilate(mask, masks.back(), cv::Mat(), {-1, -1}, 2);
-  }
-  return median_of(samples, masks);
-}
-
 // The flow of one camera, given or found.
 class FlowFinder {
  public:
@@ -289,10 +135,6 @@ Result<cv::Mat> mask_of(const PreparedCapture& capture, const View& view, int fr
   STGS_ASSIGN(cv::Mat mask, load_mask_image(capture, view, frame));
   if (mask.empty()) mask = cv::Mat(view.size(), CV_8U, cv::Scalar(0));
   return mask;
-}
-
-float share_of(const cv::Mat& mask) {
-  return float(cv::countNonZero(mask)) / float(mask.total());
 }
 
 Status measure_coverage(const PreparedCapture& capture, const View& view, const Work& work,
@@ -338,8 +180,8 @@ Status write_masks(const PreparedCapture& capture, const View& view, const InitS
     const cv::Mat flowing = leaving | arriving;
     const cv::Mat weak = (change > threshold) | (flowing & (change > 0.5 * threshold));
     const cv::Mat strong = (change > 2.0 * threshold) | (flowing & weak);
-    const cv::Mat mask = clean(weak, strong);
-    STGS_TRY(write_mask(capture, view, frame, mask));
+    const cv::Mat mask = clean_mask(weak, strong);
+    STGS_TRY(add_mask(capture, view, frame, mask));
     motion->coverage[frame] = share_of(mask);
     motion->flow[frame] = pack_flow(flow, mask);
     motion->has_flow[frame] = 1;
@@ -380,6 +222,37 @@ Status find_motion(const PreparedCapture& capture, const View& view, const InitS
   if (!motion->given_masks) return write_masks(capture, view, settings, background, work, motion);
   STGS_TRY(measure_coverage(capture, view, work, motion));
   return take_given_flow(capture, view, settings, work, motion);
+}
+
+Status find_live_motion(const PreparedCapture& capture, const View& view,
+                        const InitSettings& settings, const Work& work, ViewMotion* motion) {
+  LiveBackground* known = settings.live->find(view.camera->name);
+  if (known == nullptr) {
+    STGS_ASSIGN(Background first, find_background(capture, view, false));
+    known = &settings.live->add(view.camera->name, std::move(first));
+  }
+  motion->background = known->background().colour.clone();
+  motion->background_valid = known->background().valid.clone();
+  motion->coverage.assign(capture.frames, 0);
+  cv::Mat masked(view.size(), CV_8U, cv::Scalar(0));
+  for (const int frame : point_frames(capture.frames, settings.point_interval)) {
+    STGS_TRY(work.check());
+    if (!has_frame(capture, *view.camera, frame)) continue;
+    STGS_ASSIGN(const cv::Mat image, load_image(capture, view, frame));
+    const cv::Mat mask = known->mask(image);
+    STGS_TRY(add_mask(capture, view, frame, mask));
+    motion->coverage[frame] = share_of(mask);
+    masked |= mask;
+  }
+  std::vector<cv::Mat> learnt;
+  for (int i = 0; i < kLearntImages; ++i) {
+    const int frame = i * (capture.frames - 1) / (kLearntImages - 1);
+    if (!has_frame(capture, *view.camera, frame)) continue;
+    STGS_ASSIGN(learnt.emplace_back(), load_image(capture, view, frame));
+  }
+  known->learn(learnt, masked, capture.frames);
+  add_still(capture, view, known->still());
+  return {};
 }
 
 Status find_frame_flow(const PreparedCapture& capture, const View& view,

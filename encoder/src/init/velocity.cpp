@@ -270,12 +270,14 @@ Result<MotionFit> measure_motion(const PreparedCapture& capture, const std::vect
 namespace {
 
 Velocities matched_of(const VelocityInput& input, int frame) {
-  const int last = input.capture.frames - 1;
+  const int interval = input.interval;
   const std::vector<SurfacePoint>& points = input.frames[frame].points;
-  if (last == 0 || points.empty()) return Velocities(points.size(), cv::Vec3d(0, 0, 0));
-  const int other = frame < last ? frame + 1 : frame - 1;
-  const Velocities found =
-      match_velocities(points, input.frames[other].points, input.reach, frame < last ? 1 : -1);
+  const bool forward = frame + interval < input.capture.frames;
+  const int other = forward ? frame + interval : frame - interval;
+  if (other < 0 || points.empty()) return Velocities(points.size(), cv::Vec3d(0, 0, 0));
+  Velocities found = match_velocities(points, input.frames[other].points, interval * input.reach,
+                                      forward ? 1 : -1);
+  for (cv::Vec3d& velocity : found) velocity *= 1.0 / interval;
   return fill_unknown(found, found);
 }
 
@@ -349,12 +351,16 @@ Status take_flow(const VelocityInput& input, Work& work, std::vector<Velocities>
 }  // namespace
 
 Status choose_velocities(const VelocityInput& input, Work& work, ChosenVelocities* out) {
-  work.stage("velocities", input.capture.frames > 1 ? 5 : 1);
+  work.stage("velocities", input.find_flow && input.capture.frames > 1 ? 5 : 1);
   out->frames.resize(input.capture.frames);
   STGS_TRY(work.for_each(input.capture.frames, [&](int frame) -> Status {
     out->frames[frame] = matched_of(input, frame);
     return {};
   }));
+  if (!input.find_flow) {
+    out->kind = "nearest neighbours";
+    return {};
+  }
   STGS_ASSIGN(const Residuals mean, mean_residuals(input, out->frames, work));
   if (!mean.measured) {
     work.log("velocities: not measured (no dynamic points in the sampled frames)");

@@ -55,7 +55,9 @@ struct VelocityInput {
   const std::vector<DynamicFrame>& frames;
   double reach = 0;  // upper bound, scene units per frame
   // Makes sure that `motion` has the flow of these frames, for all views.
+  // Empty: velocities come from nearest neighbours.
   std::function<Status(const std::vector<int>& frames)> find_flow;
+  int interval = 1;  // of the frames with points (point_frames.h), with `find_flow` 1
 };
 
 struct ChosenVelocities {

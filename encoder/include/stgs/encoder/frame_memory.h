@@ -25,16 +25,21 @@ class FrameMemory {
 
   // Frame numbers are those of the capture that this belongs to.
   void add_frame(const std::string& camera, int frame, Image8 image);
+  void add_frame(const std::string& camera, int frame, ImagePtr image);
   void add_mask(const std::string& camera, int frame, Image8 mask);
+  // Of a live capture: 255 where a camera has seen nothing but background for long.
+  void add_still(const std::string& camera, Image8 mask);
   // Return null for an image that was not added.
   ImagePtr frame(const std::string& camera, int frame) const;
   ImagePtr mask(const std::string& camera, int frame) const;
+  ImagePtr still(const std::string& camera) const;
 
  private:
   using Images = std::map<std::pair<std::string, int>, ImagePtr>;
 
   mutable std::mutex mutex_;
   Images frames_, masks_;
+  std::map<std::string, ImagePtr> still_;
 };
 
 }  // namespace stgs::encoder

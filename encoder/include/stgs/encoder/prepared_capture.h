@@ -113,6 +113,10 @@ Result<std::unique_ptr<ByteSource>> open_file_of(const PreparedCapture& capture,
 // Validates `capture` and writes capture.json atomically into capture.folder.
 Status write_prepared_capture(const PreparedCapture& capture);
 
+// Returns whether there is a frame: false only for a capture in memory alone, if the camera
+// delivered none at this time. Training leaves the view out.
+bool has_frame(const PreparedCapture& capture, const Camera& camera, int frame);
+
 // Decodes a frame to RGB, or copies it from memory. An error names file, camera and frame; a size
 // other than the camera's is kInvalidFile, and so is a missing mask with capture.mask_background.
 Result<Image8> load_frame(const PreparedCapture& capture, const Camera& camera, int frame);

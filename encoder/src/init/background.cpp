@@ -1,0 +1,251 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "init/background.h"
+
+#include <algorithm>
+#include <cmath>
+#include <opencv2/imgproc.hpp>
+
+#include "stgs/encoder/frame_memory.h"
+
+namespace stgs::encoder::init {
+namespace {
+
+constexpr int kBackgroundSamples = 25;
+// Part of the difference by which the background follows an image in which nothing moves.
+constexpr double kAdaption = 0.125;
+
+// Returns the median of each channel over the samples whose mask is 0 (an empty mask is 0
+// everywhere). The noise is the median over pixels of the median absolute deviation of green.
+Background median_of(const std::vector<cv::Mat>& samples, const std::vector<cv::Mat>& masks) {
+  const cv::Size size = samples[0].size();
+  Background out{cv::Mat(size, CV_8UC3, cv::Scalar::all(0)), cv::Mat(size, CV_8U, cv::Scalar(0)),
+                 1};
+  std::vector<int> histogram(256, 0);
+  std::uint8_t values[3][kBackgroundSamples];
+  long counted = 0;
+  for (int y = 0; y < size.height; ++y) {
+    for (int x = 0; x < size.width; ++x) {
+      int n = 0;
+      for (std::size_t s = 0; s < samples.size(); ++s) {
+        if (!masks[s].empty() && masks[s].at<std::uint8_t>(y, x)) continue;
+        const cv::Vec3b c = samples[s].at<cv::Vec3b>(y, x);
+        for (int k = 0; k < 3; ++k) values[k][n] = c[k];
+        ++n;
+      }
+      if (n == 0) continue;
+      cv::Vec3b& colour = out.colour.at<cv::Vec3b>(y, x);
+      for (int k = 0; k < 3; ++k) {
+        std::nth_element(values[k], values[k] + n / 2, values[k] + n);
+        colour[k] = values[k][n / 2];
+      }
+      out.valid.at<std::uint8_t>(y, x) = 255;
+      for (int i = 0; i < n; ++i) values[1][i] = std::uint8_t(std::abs(values[1][i] - colour[1]));
+      std::nth_element(values[1], values[1] + n / 2, values[1] + n);
+      ++histogram[values[1][n / 2]];
+      ++counted;
+    }
+  }
+  long below = 0;
+  for (int level = 0; level < 256 && counted > 0; ++level) {
+    // Interpolates within the level.
+    if (2 * (below + histogram[level]) >= counted) {
+      const double inside = (0.5 * double(counted) - double(below)) / histogram[level];
+      out.noise = std::clamp(1.4826 * (level - 0.5 + inside), 0.7, 12.0);
+      break;
+    }
+    below += histogram[level];
+  }
+  return out;
+}
+
+// Returns the components of `weak` with at least `smallest` pixels that contain a pixel of
+// `strong`.
+cv::Mat hysteresis(const cv::Mat& weak, const cv::Mat& strong, int smallest) {
+  cv::Mat labels, stats, centroids;
+  const int n = cv::connectedComponentsWithStats(weak, labels, stats, centroids, 8, CV_32S);
+  std::vector<std::uint8_t> keep(n, 0);
+  for (int y = 0; y < weak.rows; ++y) {
+    const int* label = labels.ptr<int>(y);
+    const std::uint8_t* seed = strong.ptr(y);
+    for (int x = 0; x < weak.cols; ++x) {
+      if (seed[x] && label[x] > 0) keep[label[x]] = 255;
+    }
+  }
+  for (int i = 1; i < n; ++i) {
+    if (stats.at<int>(i, cv::CC_STAT_AREA) < smallest) keep[i] = 0;
+  }
+  cv::Mat out(weak.size(), CV_8U);
+  for (int y = 0; y < weak.rows; ++y) {
+    for (int x = 0; x < weak.cols; ++x) {
+      out.at<std::uint8_t>(y, x) = keep[labels.at<int>(y, x)];
+    }
+  }
+  return out;
+}
+
+// Fills small holes, because the uniform interior of a moving object shows no change.
+void fill_holes(cv::Mat* mask) {
+  cv::Mat labels, stats, centroids;
+  const int n = cv::connectedComponentsWithStats(~*mask, labels, stats, centroids, 4, CV_32S);
+  const int largest = int(mask->total() / 120);
+  for (int i = 1; i < n; ++i) {
+    const cv::Rect box(stats.at<int>(i, cv::CC_STAT_LEFT), stats.at<int>(i, cv::CC_STAT_TOP),
+                       stats.at<int>(i, cv::CC_STAT_WIDTH), stats.at<int>(i, cv::CC_STAT_HEIGHT));
+    const bool at_border =
+        box.x == 0 || box.y == 0 || box.br().x == mask->cols || box.br().y == mask->rows;
+    if (at_border || stats.at<int>(i, cv::CC_STAT_AREA) > largest) continue;
+    (*mask)(box).setTo(255, labels(box) == i);
+  }
+}
+
+}  // namespace
+
+cv::Mat difference(const cv::Mat& a, const cv::Mat& b) {
+  cv::Mat blurred_a, blurred_b, d;
+  cv::blur(a, blurred_a, {3, 3});
+  cv::blur(b, blurred_b, {3, 3});
+  cv::absdiff(blurred_a, blurred_b, d);
+  cv::Mat channels[3];
+  cv::split(d, channels);
+  return cv::max(cv::max(channels[0], channels[1]), channels[2]);
+}
+
+cv::Mat change_threshold(const cv::Mat& background, double noise) {
+  cv::Mat grey, dx, dy, slope;
+  cv::cvtColor(background, grey, cv::COLOR_RGB2GRAY);
+  cv::blur(grey, grey, {3, 3});
+  cv::Sobel(grey, dx, CV_32F, 1, 0, 3, 1.0 / 8);
+  cv::Sobel(grey, dy, CV_32F, 0, 1, 3, 1.0 / 8);
+  cv::magnitude(dx, dy, slope);
+  cv::dilate(slope, slope, cv::Mat());
+  return cv::Mat(6.0 + 3.0 * noise + 0.15 * slope);
+}
+
+cv::Mat clean_mask(const cv::Mat& weak, const cv::Mat& strong) {
+  const int smallest = std::max(8, int(weak.total() / 12000));
+  cv::Mat mask = hysteresis(weak, strong, smallest);
+  cv::morphologyEx(mask, mask, cv::MORPH_CLOSE,
+                   cv::getStructuringElement(cv::MORPH_ELLIPSE, {5, 5}));
+  fill_holes(&mask);
+  cv::morphologyEx(mask, mask, cv::MORPH_OPEN, cv::getStructuringElement(cv::MORPH_CROSS, {3, 3}));
+  mask = hysteresis(mask, strong, smallest);
+  cv::dilate(mask, mask, cv::getStructuringElement(cv::MORPH_CROSS, {3, 3}));
+  return mask;
+}
+
+float share_of(const cv::Mat& mask) {
+  return float(cv::countNonZero(mask)) / float(mask.total());
+}
+
+namespace {
+
+// Returns a mask at the size of the camera.
+cv::Mat full_size(const View& view, const cv::Mat& mask) {
+  cv::Mat full;
+  const cv::Size size(view.camera->width, view.camera->height);
+  cv::resize(mask, full, size, 0, 0, cv::INTER_LINEAR);
+  return full >= 128;
+}
+
+}  // namespace
+
+void add_still(const PreparedCapture& capture, const View& view, const cv::Mat& mask) {
+  const cv::Mat full = full_size(view, mask);
+  capture.memory->add_still(view.camera->name,
+                            {full.cols, full.rows, 1, {full.datastart, full.dataend}});
+}
+
+Status add_mask(const PreparedCapture& capture, const View& view, int frame, const cv::Mat& mask) {
+  const cv::Mat full = full_size(view, mask);
+  if (capture.memory) {
+    capture.memory->add_mask(view.camera->name, frame,
+                             {full.cols, full.rows, 1, {full.datastart, full.dataend}});
+  }
+  if (capture.memory_only) return {};
+  return write_png(capture.mask_path(*view.camera, frame), full);
+}
+
+Result<Background> find_background(const PreparedCapture& capture, const View& view,
+                                   bool use_masks) {
+  std::vector<cv::Mat> samples, masks;
+  const int count = std::min(capture.frames, kBackgroundSamples);
+  for (int i = 0; i < count; ++i) {
+    const int frame = count == 1 ? 0 : int(std::int64_t(i) * (capture.frames - 1) / (count - 1));
+    if (!has_frame(capture, *view.camera, frame)) continue;
+    STGS_ASSIGN(samples.emplace_back(), load_image(capture, view, frame));
+    masks.emplace_back();
+    if (!use_masks) continue;
+    STGS_ASSIGN(cv::Mat mask, load_mask_image(capture, view, frame));
+    // Masks from other tools often exclude the blurred border of an object.
+    if (!mask.empty()) cv::dilate(mask, masks.back(), cv::Mat(), {-1, -1}, 2);
+  }
+  return median_of(samples, masks);
+}
+
+LiveBackground::LiveBackground(Background first, int settle_frames)
+    : background_(std::move(first)),
+      settle_frames_(settle_frames),
+      threshold_(change_threshold(background_.colour, background_.noise)),
+      candidate_(background_.colour.clone()),
+      settled_(background_.colour.size(), CV_32S, cv::Scalar(0)),
+      still_(background_.colour.size(), CV_32S, cv::Scalar(0)) {}
+
+cv::Mat LiveBackground::mask(const cv::Mat& image) const {
+  cv::Mat change;
+  difference(image, background_.colour).convertTo(change, CV_32F);
+  return clean_mask(change > threshold_, change > 2.0 * threshold_);
+}
+
+cv::Mat LiveBackground::still() const {
+  return still_ >= settle_frames_;
+}
+
+void LiveBackground::learn(const std::vector<cv::Mat>& images, const cv::Mat& masked, int frames) {
+  if (images.size() < 2) return;
+  const cv::Mat& last = images.back();
+  cv::Mat moved(last.size(), CV_8U, cv::Scalar(0));  // largest change within the window
+  for (std::size_t i = 0; i + 1 < images.size(); ++i)
+    moved = cv::max(moved, difference(images[i], last));
+  const cv::Mat changed = difference(last, background_.colour);
+  const cv::Mat from_candidate = difference(last, candidate_);
+  for (int y = 0; y < last.rows; ++y) {
+    for (int x = 0; x < last.cols; ++x) {
+      const float limit = threshold_.at<float>(y, x);
+      int& settled = settled_.at<int>(y, x);
+      int& still = still_.at<int>(y, x);
+      cv::Vec3b& colour = background_.colour.at<cv::Vec3b>(y, x);
+      const cv::Vec3b& now = last.at<cv::Vec3b>(y, x);
+      const bool is_static = float(moved.at<std::uint8_t>(y, x)) <= limit;
+      if (is_static && float(changed.at<std::uint8_t>(y, x)) <= limit) {
+        for (int c = 0; c < 3; ++c)
+          colour[c] = cv::saturate_cast<std::uint8_t>(colour[c] + kAdaption * (now[c] - colour[c]));
+        settled = 0;
+        still = masked.at<std::uint8_t>(y, x) != 0 ? 0 : still + frames;
+        continue;
+      }
+      still = 0;
+      const bool rests = is_static && float(from_candidate.at<std::uint8_t>(y, x)) <= limit;
+      settled = !is_static ? 0 : (rests ? settled : 0) + frames;
+      if (!rests) candidate_.at<cv::Vec3b>(y, x) = now;
+      if (settled < settle_frames_) continue;
+      colour = now;
+      background_.valid.at<std::uint8_t>(y, x) = 255;
+      still = settled;
+      settled = 0;
+    }
+  }
+  threshold_ = change_threshold(background_.colour, background_.noise);
+}
+
+LiveBackground* LiveBackgrounds::find(const std::string& camera) {
+  const std::lock_guard lock(mutex_);
+  const auto found = cameras_.find(camera);
+  return found == cameras_.end() ? nullptr : found->second.get();
+}
+
+LiveBackground& LiveBackgrounds::add(const std::string& camera, Background first) {
+  const std::lock_guard lock(mutex_);
+  return *(cameras_[camera] = std::make_unique<LiveBackground>(std::move(first), settle_frames_));
+}
+
+}  // namespace stgs::encoder::init
