@@ -30,11 +30,11 @@ struct Views {
   FrameStore::Source source() {
     FrameStore::Source source;
     source.views.assign(decoded.size(), {kWidth, kHeight});
-    source.decode = [this](std::size_t view) -> Result<Image8> {
+    source.decode = [this](std::size_t view) -> Result<FrameStore::ImagePtr> {
       if (slow) std::this_thread::sleep_for(std::chrono::milliseconds(1));
       ++decoded[view];
       if (view == broken) return invalid_file("frames/{}.png: is damaged", view);
-      return image_of(view);
+      return std::make_shared<const Image8>(image_of(view));
     };
     return source;
   }

@@ -6,6 +6,7 @@
 
 #include "catch.h"
 #include "random_train_state.h"
+#include "stgs/encoder/frame_memory.h"
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/lifespan.h"
 
@@ -67,12 +68,73 @@ TEST_CASE("candidates join the persistent set unchanged, with colours and withou
   state.updates[1] = kFixed;
   state.colour[0][3] = 0.25f;
   state.moments[kOpacity].first[2] = 1.0f;
-  const TrainState kept = persistent_state(state, {1, 2}, false);
+  const TrainState kept = persistent_state(state, {1, 2}, {}, {}, 10);
   REQUIRE(kept.size() == 2);
   CHECK(kept.is_fixed(0));
   CHECK(kept.updates[1] == 0);
   CHECK(kept.moments[kOpacity].first[1] == 0.0f);
   CHECK(kept.colour == state.colour);
   CHECK(kept.set.position[3] == state.set.position[6]);
-  CHECK(persistent_state(state, {1, 2}, true).count_fixed() == 2);
+  CHECK(persistent_state(state, {1, 2}, {}, {2}, 10).count_fixed() == 2);
+}
+
+TEST_CASE("moving content of the last frame continues in the next window") {
+  using Indices = std::vector<std::uint32_t>;
+  TrainState state = static_state(5);
+  std::fill(state.set.opacity_logit.begin(), state.set.opacity_logit.end(), 2.0f);
+  state.updates[1] = kFixed;
+  state.set.opacity_logit[2] = -5.0f;  // hardly visible
+  state.set.time[3] = -20.0f;          // visible at the beginning alone
+  state.set.radius[3] = 22.0f;
+  state.set.sigma[3] = 1.0f;
+  state.set.velocity[3 * 4 + 1] = 0.25f;
+  state.set.time[4] = 6.0f;
+  CHECK(list_carried(state, 10, {0}) == Indices{4});
+  const float y = state.set.position[3 * 4 + 1] + 4 * 0.25f;  // from frame 6 to the next window
+  const TrainState next = persistent_state(state, {0, 1}, {4}, {0}, 10);
+  REQUIRE(next.size() == 3);
+  CHECK(next.count_fixed() == 2);
+  CHECK(next.updates[2] == 0);
+  CHECK(next.set.position[3 * 2 + 1] == Approx(y));
+  CHECK(next.set.velocity[3 * 2 + 1] == 0.25f);
+  CHECK(next.set.time[2] == 0.0f);
+  // The stored velocity and lifespan give the same.
+  TrainState derived = next;
+  derived.derive_all(true);
+  CHECK(derived.set.velocity[3 * 2 + 1] == Approx(0.25f));
+  CHECK(derived.set.sigma[2] == Approx(next.set.sigma[2]));
+}
+
+TEST_CASE("content is stored once most cameras have seen its place to be still") {
+  using Indices = std::vector<std::uint32_t>;
+  PreparedCapture capture;
+  for (const char* name : {"a", "b", "c"}) {
+    Camera camera;
+    camera.name = name;
+    camera.width = 10;
+    camera.height = 4;
+    camera.fx = camera.fy = 10;
+    camera.cx = 5;
+    camera.cy = 2;
+    capture.cameras.push_back(camera);
+  }
+  TrainState state = static_state(3);
+  for (int i = 0; i < 3; ++i) {
+    state.set.position[3 * i] = 0.2f * static_cast<float>(i - 1);  // pixels 3, 5 and 7
+    state.set.position[3 * i + 1] = 0;
+    state.set.position[3 * i + 2] = 1;
+  }
+  CHECK(list_still(capture, state.set, {0, 1, 2}) == Indices{0, 1, 2});  // nothing is stated
+  capture.memory = std::make_shared<FrameMemory>();
+  const auto add = [&](const char* name, std::initializer_list<int> still) {
+    Image8 mask{10, 4, 1, std::vector<std::uint8_t>(40, 0)};
+    for (const int x : still) mask.data[2 * 10 + x] = 255;
+    capture.memory->add_still(name, std::move(mask));
+  };
+  add("a", {3, 5});
+  add("b", {3, 7});
+  add("c", {3});
+  CHECK(list_still(capture, state.set, {0, 1, 2}) == Indices{0});
+  state.set.position[2] = -1;  // behind all cameras
+  CHECK(list_still(capture, state.set, {0}).empty());
 }

@@ -98,7 +98,7 @@ Status FrameStore::load(std::size_t begin, std::size_t end) {
   std::atomic<bool> failed = false;
   parallel_for(begin, end, [&](std::size_t view) {
     if (failed) return;
-    Result<Image8> image = source_.decode(view);
+    Result<ImagePtr> image = source_.decode(view);
     if (!image.ok()) {
       const std::lock_guard lock(mutex_);
       if (first_error.ok()) first_error = image.status();
@@ -106,8 +106,8 @@ Status FrameStore::load(std::size_t begin, std::size_t end) {
       return;
     }
     Entry &full = entries_[id_of(view, 0)], &half = entries_[id_of(view, 1)];
-    half.pixels = counted(half_size(*image));
-    full.pixels = counted(std::move(*image));
+    half.pixels = counted(std::make_shared<const Image8>(half_size(**image)));
+    full.pixels = counted(*std::move(image));
     full.state = half.state = State::kReady;
     full.resident = half.resident = true;
   });
@@ -194,14 +194,14 @@ FrameStatistics FrameStore::statistics() const {
   return statistics;
 }
 
-std::shared_ptr<const Image8> FrameStore::counted(Image8&& image) const {
-  const std::uint64_t bytes = image.data.size();
+FrameStore::ImagePtr FrameStore::counted(ImagePtr image) const {
+  const std::uint64_t bytes = image->data.size();
   const std::uint64_t now = memory_use_->bytes += bytes;
   std::uint64_t peak = memory_use_->peak;
   while (peak < now && !memory_use_->peak.compare_exchange_weak(peak, now)) {
   }
-  return {new Image8(std::move(image)), [use = memory_use_, bytes](const Image8* pixels) {
-            delete pixels;
+  const Image8* const pixels = image.get();
+  return {pixels, [use = memory_use_, bytes, image = std::move(image)](const Image8*) {
             use->bytes -= bytes;
           }};
 }
@@ -274,18 +274,19 @@ void FrameStore::set_next_use(std::uint64_t id, std::uint64_t use) {
 void FrameStore::decode(std::uint64_t id, std::unique_lock<std::mutex>& lock) {
   const std::size_t view = id / 2;
   const bool half = id % 2 == 1;
-  std::shared_ptr<const Image8> full = half ? entries_[id_of(view, 0)].pixels : nullptr;
+  ImagePtr full = half ? entries_[id_of(view, 0)].pixels : nullptr;
   const bool fresh = full == nullptr;
   lock.unlock();
-  std::shared_ptr<const Image8> pixels;
+  ImagePtr pixels;
   Status status;
   try {
     if (fresh) {
-      Result<Image8> image = source_.decode(view);
+      Result<ImagePtr> image = source_.decode(view);
       status = image.status();
-      if (image.ok()) full = counted(std::move(*image));
+      if (image.ok()) full = counted(*std::move(image));
     }
-    if (full != nullptr) pixels = half ? counted(half_size(*full)) : full;
+    if (full != nullptr)
+      pixels = half ? counted(std::make_shared<const Image8>(half_size(*full))) : full;
   } catch (const std::exception& error) {
     status = runtime_error("decoding a training frame: {}", error.what());
   }
@@ -306,7 +307,7 @@ void FrameStore::decode(std::uint64_t id, std::unique_lock<std::mutex>& lock) {
 }
 
 // Inserts the full size, a by-product of decoding the half size, if it fits without eviction.
-void FrameStore::insert_full_size(std::size_t view, std::shared_ptr<const Image8> pixels) {
+void FrameStore::insert_full_size(std::size_t view, ImagePtr pixels) {
   const std::uint64_t id = id_of(view, 0);
   Entry& entry = entries_[id];
   if (entry.state != State::kAbsent || used_ + bytes_of(id) > budget_) return;

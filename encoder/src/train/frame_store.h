@@ -29,13 +29,15 @@ Image8 half_size(const Image8& image);
 
 class FrameStore {
  public:
+  using ImagePtr = std::shared_ptr<const Image8>;
+
   struct Source {
     struct Size {
       int width = 0, height = 0;  // pixels
     };
     std::vector<Size> views;
-    // Decodes a view at full size, 3 channels. Called concurrently from several threads.
-    std::function<Result<Image8>(std::size_t view)> decode;
+    // Returns a view at full size, 3 channels. Called concurrently from several threads.
+    std::function<Result<ImagePtr>(std::size_t view)> decode;
   };
 
   // Returns the id of an image. Level 0 is the full size, 1 the half size.
@@ -72,7 +74,7 @@ class FrameStore {
     State state = State::kAbsent;
     bool resident = false;  // counted in used_; listed in by_use_ if ready
     std::uint64_t next_use = kNeverUsed;
-    std::shared_ptr<const Image8> pixels;
+    ImagePtr pixels;
     Status error;
   };
 
@@ -82,7 +84,8 @@ class FrameStore {
   };
 
   std::uint64_t bytes_of(std::uint64_t id) const;
-  std::shared_ptr<const Image8> counted(Image8&& image) const;
+  // Counts an image in the memory use until its last user releases it.
+  ImagePtr counted(ImagePtr image) const;
   Status load_all(const std::function<bool(std::size_t views)>& loaded);
   Status load(std::size_t begin, std::size_t end);
   void work();
@@ -94,7 +97,7 @@ class FrameStore {
   void set_next_use(std::uint64_t id, std::uint64_t use);
   // Decodes an image in the state kDecoding; releases the lock meanwhile.
   void decode(std::uint64_t id, std::unique_lock<std::mutex>& lock);
-  void insert_full_size(std::size_t view, std::shared_ptr<const Image8> pixels);
+  void insert_full_size(std::size_t view, ImagePtr pixels);
 
   const Source source_;
   const std::uint64_t budget_;

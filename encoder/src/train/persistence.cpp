@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "stgs/encoder/frame_memory.h"
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/lifespan.h"
 
@@ -17,6 +18,11 @@ constexpr float kMaxDisplacement = 0.5f;
 // Minimum number of updates, as a fraction of the iterations so far.
 constexpr double kMinUpdates = 0.01;
 constexpr double kMaxOpacity = 0.9999;
+// Minimum opacity in the last frame of a moving primitive that the next window starts from.
+constexpr float kMinCarriedOpacity = 0.05f;
+// Sigma of such a primitive, frames: it covers the first part of the window, until points of the
+// window itself do.
+constexpr float kCarriedSigma = 8;
 
 float visibility_at(const Gaussians4D& set, std::size_t i, float ticks) {
   return math::visibility(ticks - set.time[i], set.sigma[i], set.radius[i]);
@@ -46,16 +52,56 @@ std::vector<std::uint32_t> list_persistent(const TrainState& state, int frames) 
   return out;
 }
 
+std::vector<std::uint32_t> list_still(const PreparedCapture& capture, const Gaussians4D& set,
+                                      const std::vector<std::uint32_t>& primitives) {
+  struct View {
+    math::PinholeCamera camera;
+    FrameMemory::ImagePtr still;
+  };
+  std::vector<View> views;
+  for (const Camera& camera : capture.training_cameras()) {
+    const FrameMemory::ImagePtr still =
+        capture.memory ? capture.memory->still(camera.name) : nullptr;
+    if (still) views.push_back({camera.pinhole(capture.near_plane), still});
+  }
+  if (views.empty()) return primitives;
+  std::vector<std::uint32_t> out;
+  for (const std::uint32_t i : primitives) {
+    const math::Vec3 position{set.position[3 * i], set.position[3 * i + 1],
+                              set.position[3 * i + 2]};
+    int seen = 0, still = 0;
+    for (const View& view : views) {
+      const math::Vec3 c = math::to_camera(view.camera, position);
+      if (c.z <= capture.near_plane) continue;
+      const float u = view.camera.fx * c.x / c.z + view.camera.cx;
+      const float v = view.camera.fy * c.y / c.z + view.camera.cy;
+      if (!(u >= 0 && v >= 0 && u < view.camera.width && v < view.camera.height)) continue;
+      ++seen;
+      const auto pixel = static_cast<std::size_t>(v) * static_cast<std::size_t>(view.still->width) +
+                         static_cast<std::size_t>(u);
+      still += view.still->data[pixel] >= kMinMask ? 1 : 0;
+    }
+    if (seen > 0 && 2 * still >= seen) out.push_back(i);
+  }
+  return out;
+}
+
 TrainState persistent_state(const TrainState& trained, const std::vector<std::uint32_t>& persistent,
-                            bool store) {
+                            const std::vector<std::uint32_t>& carried,
+                            const std::vector<std::uint32_t>& stored, int frames) {
   TrainState out = trained;
   out.compaction = {};
   out.retain(persistent);
   for (std::size_t i = 0; i < out.size(); ++i) {
-    const bool fixed = store || out.is_fixed(i);
+    const bool fixed =
+        out.is_fixed(i) || std::binary_search(stored.begin(), stored.end(), persistent[i]);
     out.clear_moments(i);
     if (fixed) out.updates[i] = kFixed;
   }
+  TrainState moving = trained;
+  moving.retain(carried);
+  for (std::size_t i = 0; i < moving.size(); ++i) carry(moving, i, frames);
+  out.append(moving);
   out.cameras_first.assign(out.cameras.size(), CameraCorrection{});
   out.cameras_second = out.camera_sums = out.cameras_first;
   out.camera_updates.assign(out.cameras.size(), 0);
@@ -84,6 +130,34 @@ void split_window(const TrainState& state, const std::vector<std::uint32_t>& sto
   }
   const double frames = scene.metadata.frames;
   scene.parts = {{0, frames, moving}, {0, frames, stored.size()}};
+}
+
+std::vector<std::uint32_t> list_carried(const TrainState& state, int frames,
+                                        const std::vector<std::uint32_t>& persistent) {
+  std::vector<std::uint32_t> out;
+  if (state.is_coupled()) return out;
+  const auto last = static_cast<float>(frames - 1);
+  for (std::size_t i = 0; i < state.size(); ++i) {
+    const auto index = static_cast<std::uint32_t>(i);
+    if (state.is_fixed(i) || std::binary_search(persistent.begin(), persistent.end(), index))
+      continue;
+    const float opacity =
+        math::opacity_of(state.set.opacity_logit[i]) * visibility_at(state.set, i, last);
+    if (opacity >= kMinCarriedOpacity) out.push_back(index);
+  }
+  return out;
+}
+
+void carry(TrainState& state, std::size_t i, int frames) {
+  Gaussians4D& set = state.set;
+  for (std::size_t c = 0; c < 3; ++c)
+    set.position[3 * i + c] += set.velocity[3 * i + c] * (static_cast<float>(frames) - set.time[i]);
+  set.time[i] = 0;
+  set.radius[i] = 0;
+  set.sigma[i] = kCarriedSigma;
+  state.log_sigma[i] = std::log(kCarriedSigma);
+  const float f = math::lifespan_modulation(kCarriedSigma, set.radius[i]);
+  for (std::size_t c = 0; c < 3; ++c) state.velocity[3 * i + c] = f * set.velocity[3 * i + c];
 }
 
 void persist(TrainState& state, std::size_t i, int frames) {

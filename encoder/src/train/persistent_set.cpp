@@ -20,7 +20,7 @@ Result<PersistentSet> PersistentSet::read(const std::string& path) {
     return invalid_file("{}: this is a checkpoint of 'stgs train' (expected a persistent set)",
                         path);
   }
-  return PersistentSet(std::make_shared<const TrainState>(std::move(file.state)));
+  return PersistentSet(std::make_shared<const TrainState>(std::move(file.state)), false);
 }
 
 Status PersistentSet::write(const std::string& path) const {

@@ -41,7 +41,7 @@ Result<math::Vec3> scene_background(const PreparedCapture& capture, const Gaussi
   settings.kernel = kernel;
   const int middle = capture.frames / 2;
   for (const Camera& camera : capture.cameras) {
-    if (camera.test) continue;
+    if (camera.test || !has_frame(capture, camera, middle)) continue;
     STGS_ASSIGN(const Image8 image, load_frame(capture, camera, middle));
     render(initial, static_cast<float>(middle), camera.pinhole(capture.near_plane), settings, frame,
            output);

@@ -181,10 +181,9 @@ double Trainer::growth_progress_at(std::uint64_t iteration) const {
 
 // The level is that of the step that begins at `iteration`, identical on all ranks.
 TrainingView Trainer::view_at(std::uint64_t iteration, int rank) {
-  const std::size_t view = order_.at(iteration + static_cast<std::uint64_t>(rank));
-  const std::size_t frames = static_cast<std::size_t>(capture_.frames);
-  const int level = growth_progress_at(iteration) < parameters_.coarse_until ? 1 : 0;
-  return {view / frames, static_cast<int>(view % frames), level};
+  TrainingView view = images_.view(order_.at(iteration + static_cast<std::uint64_t>(rank)));
+  view.level = growth_progress_at(iteration) < parameters_.coarse_until ? 1 : 0;
+  return view;
 }
 
 std::vector<BatchView> Trainer::batch_views() {
@@ -260,8 +259,8 @@ Status Trainer::read_steps() {
             "finite; train without --refine-cameras",
             steps_read_);
       }
-      const std::size_t view = order_.at(steps_read_ - 1);
-      add_camera_gradient(state_, view / static_cast<std::size_t>(capture_.frames), *output.camera,
+      const std::size_t camera = images_.view(order_.at(steps_read_ - 1)).camera;
+      add_camera_gradient(state_, camera, *output.camera,
                           settings_.foreground ? 0.0f : output.vignetting);
     }
   }

@@ -18,6 +18,10 @@
 namespace stgs::encoder {
 namespace {
 
+// Views of a window whose importances are computed, per frame, and at least. A short window has few
+// changes to look at, and as many views as a complete run would take a third of its time.
+constexpr int kWindowViews = 4, kMinWindowViews = 64;
+
 std::uint64_t peak_memory_bytes() {
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);
@@ -40,8 +44,11 @@ Result<std::vector<float>> Trainer::importance() {
                                            : Progress{"train", run_progress(), -1, detail});
     return more || ranks_.size() > 1;  // ranks stop together, after a step
   };
-  const std::vector<ImportanceView> views = importance_views(with_refined_cameras(capture_, state_),
-                                                             kImportanceViews, parameters_.kernel);
+  const int count = persistent_ == nullptr ? kImportanceViews
+                                           : std::clamp(kWindowViews * capture_.frames,
+                                                        kMinWindowViews, kImportanceViews);
+  const std::vector<ImportanceView> views =
+      importance_views(with_refined_cameras(capture_, state_), count, parameters_.kernel);
   std::optional<std::vector<float>> importance =
       compute_importance(*backend_, *make_cpu_backend(), state_, views, should_continue, log_);
   importance_seconds_ += seconds();
@@ -59,13 +66,17 @@ void Trainer::find_persistent(PersistentSet& set) {
     found.push_back(i);
   }
   const std::size_t fixed = persistent.size() - found.size();
-  const bool store =
-      static_cast<double>(found.size()) >= kMinStoredShare * static_cast<double>(fixed);
-  log_(2, fmt::format("persistent set: {} primitives, and {} static ones that are {}", fixed,
-                      found.size(), store ? "added" : "not added yet"));
-  set = PersistentSet(
-      std::make_shared<const TrainState>(persistent_state(state_, persistent, store)));
-  if (store) stored_ = std::move(found);
+  stored_ = list_still(capture_, state_.set, found);
+  if (static_cast<double>(stored_.size()) < kMinStoredShare * static_cast<double>(fixed))
+    stored_.clear();
+  std::vector<std::uint32_t> carried;
+  if (set.carries_moving()) carried = list_carried(state_, capture_.frames, persistent);
+  log_(2, fmt::format("persistent set: {} primitives, {} added; the next window starts from {} "
+                      "further static and {} moving ones",
+                      fixed, stored_.size(), found.size() - stored_.size(), carried.size()));
+  set = PersistentSet(std::make_shared<const TrainState>(
+                          persistent_state(state_, persistent, carried, stored_, capture_.frames)),
+                      set.carries_moving());
 }
 
 Result<Scene> Trainer::scene() {

@@ -34,17 +34,23 @@ Result<TrainingImages> TrainingImages::load(const PreparedCapture& capture, std:
         "{}x{})",
         capture.folder, camera.name, kMinSide, camera.width, camera.height);
   }
+  images.list_views(capture);
+  if (images.views_.empty())
+    return runtime_error("{}: no camera has delivered a frame", capture.folder);
   FrameStore::Source source;
-  for (const Camera& camera : images.cameras_) {
-    source.views.insert(source.views.end(), static_cast<std::size_t>(images.frames_),
-                        {camera.width, camera.height});
+  for (std::size_t i = 0; i < images.views(); ++i) {
+    const Camera& camera = images.cameras_[images.view(i).camera];
+    source.views.push_back({camera.width, camera.height});
   }
-  source.decode = [capture, cameras = images.cameras_](std::size_t view) {
+  source.decode = [capture, cameras = images.cameras_,
+                   views = images.views_](std::size_t index) -> Result<FrameStore::ImagePtr> {
     const auto frames = static_cast<std::size_t>(capture.frames);
+    const std::size_t view = views[index];
     const Camera& camera = cameras[view / frames];
     const auto frame = static_cast<int>(view % frames);
-    return capture.mask_background ? load_foreground(capture, camera, frame, mask_colour_of(view))
-                                   : load_frame(capture, camera, frame);
+    if (!capture.mask_background) return load_shared_frame(capture, camera, frame);
+    STGS_ASSIGN(Image8 image, load_foreground(capture, camera, frame, mask_colour_of(view)));
+    return std::make_shared<const Image8>(std::move(image));
   };
   if (budget == 0) {
     budget = static_cast<std::uint64_t>(kMemoryFraction / processes *
@@ -63,9 +69,20 @@ Result<TrainingImages> TrainingImages::load(const PreparedCapture& capture, std:
   return images;
 }
 
+void TrainingImages::list_views(const PreparedCapture& capture) {
+  for (std::size_t c = 0; c < cameras_.size(); ++c) {
+    for (int frame = 0; frame < frames_; ++frame) {
+      index_.push_back(static_cast<std::uint32_t>(views_.size()));
+      if (!has_frame(capture, cameras_[c], frame)) continue;
+      views_.push_back(static_cast<std::uint32_t>(c) * static_cast<std::uint32_t>(frames_) +
+                       static_cast<std::uint32_t>(frame));
+    }
+  }
+}
+
 std::uint64_t TrainingImages::id_of(const TrainingView& view) const {
-  const std::size_t index = view.camera * static_cast<std::size_t>(frames_) + view.frame;
-  return FrameStore::id_of(index, view.level);
+  const std::size_t view_index = view.camera * static_cast<std::size_t>(frames_) + view.frame;
+  return FrameStore::id_of(index_[view_index], view.level);
 }
 
 Result<TrainingImage> TrainingImages::next(
