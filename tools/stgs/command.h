@@ -48,6 +48,7 @@ std::unique_ptr<Command> make_evaluate();
 std::unique_ptr<Command> make_finalize();
 std::unique_ptr<Command> make_help();
 std::unique_ptr<Command> make_info();
+std::unique_ptr<Command> make_live();
 std::unique_ptr<Command> make_pack();
 std::unique_ptr<Command> make_play();
 std::unique_ptr<Command> make_prepare();

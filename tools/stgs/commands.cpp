@@ -9,6 +9,7 @@ std::vector<std::unique_ptr<Command>> all_commands() {
   commands.push_back(make_train());
   commands.push_back(make_pack());
   commands.push_back(make_encode());
+  commands.push_back(make_live());
   commands.push_back(make_finalize());
   commands.push_back(make_info());
   commands.push_back(make_validate());

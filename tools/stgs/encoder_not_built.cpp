@@ -44,4 +44,8 @@ std::unique_ptr<Command> make_encode() {
   return std::make_unique<NotBuilt>("encode", "Prepare, train and pack (not in this build)");
 }
 
+std::unique_ptr<Command> make_live() {
+  return std::make_unique<NotBuilt>("live", "Encode a rig while it films (not in this build)");
+}
+
 }  // namespace stgs::tools

@@ -81,6 +81,13 @@ Result<std::unique_ptr<encoder::WindowPreparer>> open_windows(
                                  session.log_sink());
 }
 
+Result<std::unique_ptr<encoder::LivePreparer>> open_live(const std::string& rig,
+                                                         const encoder::PrepareSettings& settings,
+                                                         double fps, Session& session) {
+  STGS_ASSIGN(const OpenCvFunctions* const functions, opencv());
+  return functions->open_live(rig, settings, fps, session.log_sink());
+}
+
 Status check_mp4_writer() {
   return opencv().status();
 }
@@ -106,6 +113,12 @@ Status prepare_capture(const std::string& capture, const std::string&,
 Result<std::unique_ptr<encoder::WindowPreparer>> open_windows(
     const std::string& capture, const encoder::PrepareSettings& settings, int, Session& session) {
   return prepare_capture(capture, "", settings, session);
+}
+
+Result<std::unique_ptr<encoder::LivePreparer>> open_live(const std::string& rig,
+                                                         const encoder::PrepareSettings& settings,
+                                                         double, Session& session) {
+  return prepare_capture(rig, "", settings, session);
 }
 
 Status check_mp4_writer() {

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "session.h"
+#include "stgs/encoder/live_preparer.h"
 #include "stgs/encoder/prepare.h"
 
 namespace stgs::tools {
@@ -24,5 +25,10 @@ Status prepare_capture(const std::string& capture, const std::string& folder,
 Result<std::unique_ptr<encoder::WindowPreparer>> open_windows(
     const std::string& capture, const encoder::PrepareSettings& settings, int window,
     Session& session);
+
+// As encoder::LivePreparer::open().
+Result<std::unique_ptr<encoder::LivePreparer>> open_live(const std::string& rig,
+                                                         const encoder::PrepareSettings& settings,
+                                                         double fps, Session& session);
 
 }  // namespace stgs::tools

@@ -25,6 +25,7 @@ STGS_OPENCV_SYMBOL() {
                                             .remove_unfinished = stgs::remove_unfinished,
                                             .prepare = stgs::encoder::prepare,
                                             .open_windows = stgs::encoder::WindowPreparer::open,
+                                            .open_live = stgs::encoder::LivePreparer::open,
                                             .make_mp4_writer = open_mp4_writer};
   return &functions;
 }

@@ -8,6 +8,7 @@
 #include <string>
 #include <string_view>
 
+#include "stgs/encoder/live_preparer.h"
 #include "stgs/encoder/prepare.h"
 #include "video.h"
 
@@ -32,6 +33,10 @@ struct OpenCvFunctions {
   Result<std::unique_ptr<encoder::WindowPreparer>> (*open_windows)(
       const std::string& capture, const encoder::PrepareSettings& settings, int window,
       const encoder::ProgressSink& progress, const encoder::LogSink& log) = nullptr;
+  // As encoder::LivePreparer::open().
+  Result<std::unique_ptr<encoder::LivePreparer>> (*open_live)(
+      const std::string& rig, const encoder::PrepareSettings& settings, double fps,
+      const encoder::LogSink& log) = nullptr;
   // As make_mp4_writer().
   Result<std::unique_ptr<VideoWriter>> (*make_mp4_writer)(const std::string& path,
                                                           TimeBase time_base,

@@ -43,6 +43,7 @@ struct SourceCamera {
   std::vector<std::string> images;                   // paths in temporal order
   bool numbered = false;                             // the image names end in the frame number
   std::vector<std::string> masks;  // empty, or one path per frame; 255 (or 1) = moving
+  std::string live_source;         // of a rig (load_rig()): path or URL; empty: `video` or `images`
 };
 
 struct SourceCapture {
@@ -86,6 +87,11 @@ Result<SourceCapture> load_nerfstudio(const CaptureFolder& files, const LogSink&
 Result<SourceCapture> load_videos(const std::shared_ptr<const CaptureFolder>& files,
                                   int first_frame, const ProgressSink& progress,
                                   const LogSink& log);
+
+// Reads the cameras of a rig that films now: a file in the format of cameras.json, whose cameras
+// may have a "source". The others may have frames next to the file, or none.
+Result<SourceCapture> load_rig(const std::shared_ptr<const CaptureFolder>& files,
+                               const std::string& path);
 
 // Sets intrinsics, lens, pose and points by running COLMAP on one frame of each camera, for at most
 // an hour. kRuntime names the cameras that COLMAP could not place; kNotBuilt if COLMAP is not

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include "frame_converter.h"
@@ -22,6 +23,17 @@ namespace {
 constexpr const char* kProbedCodecs =
     "h264,hevc,av1,libdav1d,libaom-av1,vp8,vp9,mpeg4,mpeg2video,prores,dnxhd,cfhd,ffv1,rawvideo,"
     "aac,mp3,ac3,opus,vorbis,pcm_s16le,pcm_s16be,pcm_s24le";
+
+// Streams are opened by these only. FFmpeg connects to the address that the user named, and a
+// server can name no file.
+constexpr const char* kStreamProtocols = "file,udp,rtp,rtsp,tcp,http,https,tls";
+constexpr const char* kStreamFormats =
+    "mpegts,rtsp,rtp,matroska,webm,mov,mp4,mjpeg,mpjpeg,yuv4mpegpipe,h264,hevc";
+constexpr const char* kStreamCodecs =
+    "h264,hevc,av1,libdav1d,vp8,vp9,mpeg4,mpeg2video,mjpeg,rawvideo,wrapped_avframe,aac,mp3,ac3,"
+    "opus";
+constexpr const char* kAnalysedMicroseconds = "1000000";  // of a stream, to learn its format
+constexpr std::size_t kMaxPacketBytes = std::size_t{64} << 20;
 
 template <typename T, void (*kFree)(T**)>
 struct Freed {
@@ -65,13 +77,16 @@ class FfmpegDecoder final : public VideoDecoder {
   FfmpegDecoder(const std::string& label, CheckStored check)
       : label_(label), check_(std::move(check)) {}
 
-  Status open(const std::string& name);
+  // `stopped`: of a stream; empty for a file.
+  Status open(const std::string& name, std::function<bool()> stopped = {});
   const VideoTrack& track() const override { return track_; }
+  double seconds() const override;
   Result<bool> advance() override;
   Result<cv::Mat> image() override;
 
  private:
   Status open_format(const std::string& name);
+  Status open_stream_format(const std::string& url);
   Status open_codec();
   void describe();
   // Sends the next stored frame to the decoder; after the last, signals the end.
@@ -84,6 +99,7 @@ class FfmpegDecoder final : public VideoDecoder {
 
   std::string label_;
   CheckStored check_;
+  std::function<bool()> stopped_;  // outlives format_, which calls it
   Format format_;
   Codec codec_;
   Packet packet_;
@@ -98,10 +114,12 @@ class FfmpegDecoder final : public VideoDecoder {
   Status error_;  // after the frames that are still in the decoder
 };
 
-Status FfmpegDecoder::open(const std::string& name) {
-  Status status = open_format(name);
+Status FfmpegDecoder::open(const std::string& name, std::function<bool()> stopped) {
+  stopped_ = std::move(stopped);
+  Status status = stopped_ ? open_stream_format(name) : open_format(name);
   if (status.ok()) status = open_codec();
-  if (status.code() == StatusCode::kInvalidFile) {
+  if (stopped_ && stopped_()) return runtime_error("{}: stopped", label_);
+  if (status.code() == StatusCode::kInvalidFile && !stopped_) {
     return {status.code(), fmt::format("{}: cannot be opened ({}); check that ffmpeg plays it, and "
                                        "that /proc is mounted",
                                        label_, status.message())};
@@ -141,6 +159,33 @@ Status FfmpegDecoder::open_format(const std::string& name) {
   return error < 0 ? ffmpeg_error(error) : Status();
 }
 
+Status FfmpegDecoder::open_stream_format(const std::string& url) {
+  AVFormatContext* opened = avformat_alloc_context();
+  if (opened == nullptr) return ffmpeg_error(AVERROR(ENOMEM));
+  opened->interrupt_callback = {
+      [](void* stopped) { return (*static_cast<std::function<bool()>*>(stopped))() ? 1 : 0; },
+      &stopped_};
+  AVDictionary* options = nullptr;
+  av_dict_set(&options, "protocol_whitelist", kStreamProtocols, 0);
+  av_dict_set(&options, "format_whitelist", kStreamFormats, 0);
+  av_dict_set(&options, "codec_whitelist", kStreamCodecs, 0);
+  av_dict_set(&options, "fflags", "nobuffer", 0);
+  av_dict_set(&options, "analyzeduration", kAnalysedMicroseconds, 0);
+  av_dict_set(&options, "rtsp_flags", "prefer_tcp", 0);
+  int error = avformat_open_input(&opened, url.c_str(), nullptr, &options);
+  av_dict_free(&options);
+  if (error < 0) return ffmpeg_error(error);  // which has freed the context
+  format_.reset(opened);
+  error = avformat_find_stream_info(opened, nullptr);
+  return error < 0 ? ffmpeg_error(error) : Status();
+}
+
+double FfmpegDecoder::seconds() const {
+  const std::int64_t time = decoded_->best_effort_timestamp;
+  return time == AV_NOPTS_VALUE ? std::numeric_limits<double>::quiet_NaN()
+                                : static_cast<double>(time) * av_q2d(stream_->time_base);
+}
+
 Status FfmpegDecoder::open_codec() {
   // The first video track. Others are previews or further lenses.
   for (unsigned i = 0; i < format_->nb_streams; ++i) {
@@ -164,6 +209,7 @@ Status FfmpegDecoder::open_codec() {
   // The cameras of a rig are decoded in parallel. With threads for frames, too, memory would grow
   // with their product, and an error would be found at a frame that depends on their number.
   codec_->thread_count = 1;
+  if (stopped_) codec_->flags |= AV_CODEC_FLAG_LOW_DELAY;
   codec_->max_pixels = kMaxImagePixels;
   error = avcodec_open2(codec_.get(), codec, nullptr);
   return error < 0 ? ffmpeg_error(error) : Status();
@@ -258,6 +304,18 @@ Result<std::unique_ptr<VideoDecoder>> VideoDecoder::open(const std::string& name
                                                          CheckStored check) {
   auto decoder = std::make_unique<FfmpegDecoder>(label, std::move(check));
   STGS_TRY(decoder->open(name));
+  return std::unique_ptr<VideoDecoder>(std::move(decoder));
+}
+
+Result<std::unique_ptr<VideoDecoder>> VideoDecoder::open_stream(const std::string& url,
+                                                                const std::string& label,
+                                                                std::function<bool()> stopped) {
+  const auto check = [](std::span<const std::uint8_t> stored) -> Status {
+    if (stored.size() <= kMaxPacketBytes) return {};
+    return invalid_file("a frame of {} bytes", stored.size());
+  };
+  auto decoder = std::make_unique<FfmpegDecoder>(label, check);
+  STGS_TRY(decoder->open(url, std::move(stopped)));
   return std::unique_ptr<VideoDecoder>(std::move(decoder));
 }
 

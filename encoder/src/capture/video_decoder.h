@@ -34,9 +34,18 @@ class VideoDecoder {
   // frames only if it needs them to learn the format of common codecs. `label` begins messages.
   static Result<std::unique_ptr<VideoDecoder>> open(const std::string& name,
                                                     const std::string& label, CheckStored check);
+  // Opens a stream that arrives now: a URL (rtsp, rtp, udp, tcp, http or https), or the path of a
+  // named pipe. Its format is one that carries video live: MPEG-TS, RTP, Matroska, fragmented MP4,
+  // Motion JPEG, YUV4MPEG, or plain H.264 or HEVC. While `stopped` returns true, calls end with
+  // kRuntime.
+  static Result<std::unique_ptr<VideoDecoder>> open_stream(const std::string& url,
+                                                           const std::string& label,
+                                                           std::function<bool()> stopped);
   virtual ~VideoDecoder() = default;
 
   virtual const VideoTrack& track() const = 0;
+  // Returns the time of the current frame that the file states, seconds; NaN: not stated.
+  virtual double seconds() const = 0;
   // Decodes the next frame in the order of presentation. Returns whether there is one. An error is
   // that of the first frame that cannot be decoded; all frames before it come first. kInvalidFile
   // for a frame of another size than the first.

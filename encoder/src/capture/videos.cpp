@@ -15,6 +15,7 @@
 //   "pixel_centre"     optional, coordinate of the first pixel's centre in K: 0.5 (default), or 0
 //                      as in OpenCV calibrations
 //   "test"             optional, true: held out
+//   "source"           optional, for stgs live: path relative to this file, or URL
 #include <algorithm>
 
 #include "calibration.h"
@@ -59,6 +60,7 @@ Result<SourceCamera> read_camera(const Json& json, const std::string& name, doub
                         camera.width, camera.height);
   }
   camera.test = json.value("test", false);
+  camera.live_source = json.value("source", "");
   return camera;
 }
 
@@ -157,6 +159,25 @@ Result<SourceCapture> load_videos(const std::shared_ptr<const CaptureFolder>& fi
     STGS_TRY(with_ignored_files(calibrate(first_frame, capture, progress, log), search.ignored));
   }
   return capture;
+}
+
+Result<SourceCapture> load_rig(const std::shared_ptr<const CaptureFolder>& files,
+                               const std::string& path) {
+  SourceCapture rig;
+  rig.layout = Layout::kVideos;
+  rig.folder = files->path();
+  rig.files = files;
+  STGS_TRY(read_cameras(*files, path, rig));
+  STGS_ASSIGN(const std::vector<SourceCamera> found, find_cameras(*files));
+  for (SourceCamera& camera : rig.cameras) {
+    for (const SourceCamera& other : found) {
+      if (other.name != camera.name || !camera.live_source.empty()) continue;
+      camera.video = other.video;
+      camera.images = other.images;
+      camera.numbered = other.numbered;
+    }
+  }
+  return rig;
 }
 
 }  // namespace stgs::encoder

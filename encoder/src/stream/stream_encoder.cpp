@@ -47,6 +47,7 @@ std::string StreamEncoder::set_path(int frames) const {
 
 RecordSettings StreamEncoder::record_settings() const {
   RecordSettings out;
+  out.sync = settings_.resumable;
   const PackSettings& pack = settings_.pack;
   out.write.profile = pack.profile;
   if (pack.quality > 0) out.write.quality = pack.quality;
@@ -66,6 +67,8 @@ Status check_settings(const StreamSettings& settings, const TrainingChoice& choi
         "windows share the static primitives of the method sharptimegs; train all frames at once "
         "with this method or ablation");
   }
+  if (settings.resumable && settings.carries_moving)
+    return usage_error("windows that carry moving content cannot be resumed");
   if (settings.pack.profile == Profile::kNearLossless) {
     return usage_error(
         "windows cannot be written in the profile {}, whose errors are known only at the end; "
@@ -94,6 +97,7 @@ Result<std::unique_ptr<StreamEncoder>> StreamEncoder::open(const std::string& fo
   STGS_TRY(check_settings(settings, choice));
   STGS_ASSIGN(const std::uint64_t training, settings_id(settings.train));
   std::unique_ptr<StreamEncoder> encoder(new StreamEncoder(folder, settings));
+  encoder->set_ = PersistentSet(settings.carries_moving);
   encoder->later_iterations_ = std::max(
       1, static_cast<int>(std::lround(settings.later_share * choice.parameters.iterations)));
   const std::string identity = fmt::format("stgs {}\ntraining {:016x}\nseed {}\n{}", STGS_VERSION,
@@ -147,23 +151,27 @@ int StreamEncoder::frames() const {
 }
 
 Result<StreamWindow> StreamEncoder::encode(const PreparedCapture& window,
-                                           const ProgressSink& progress, const LogSink& log) {
+                                           const ProgressSink& progress, const LogSink& log,
+                                           const WindowWork& work) {
   try {
-    return encode_window(window, progress, log);
+    return encode_window(window, progress, log, work);
   } catch (const std::exception& error) {
     return runtime_error("encoding the window after frame {} failed: {}", frames(), error.what());
   }
 }
 
 Result<StreamWindow> StreamEncoder::encode_window(PreparedCapture window,
-                                                  const ProgressSink& progress,
-                                                  const LogSink& log) {
+                                                  const ProgressSink& progress, const LogSink& log,
+                                                  const WindowWork& work) {
   StreamWindow out;
   out.first_frame = frames();
   out.frames = window.frames;
   TrainSettings train_settings = settings_.train;
-  if (frames() > 0) {
-    train_settings.iterations = later_iterations_;
+  if (work.max_seconds > 0) train_settings.max_seconds = work.max_seconds;
+  if (work.keep > 0)
+    train_settings.overrides.emplace_back("compact_keep", fmt::format("{:.6f}", work.keep));
+  if (frames() > 0 || work.iterations > 0) {
+    train_settings.iterations = work.iterations > 0 ? work.iterations : later_iterations_;
     std::erase_if(train_settings.overrides,
                   [](const auto& entry) { return entry.first == "iterations"; });
   }
@@ -185,7 +193,7 @@ Result<StreamWindow> StreamEncoder::encode_window(PreparedCapture window,
   const std::uint64_t bytes = recorder_->bytes(), primitives = recorder_->primitives();
   // Before the fragment, so that the set of each fragment exists.
   const int before = frames(), after = before + window.frames;
-  STGS_TRY(set.write(set_path(after)));
+  if (settings_.resumable) STGS_TRY(set.write(set_path(after)));
   STGS_TRY(append(scene, window.frames));
   set_ = std::move(set);
   std::error_code ignored;
@@ -221,6 +229,23 @@ Status StreamEncoder::append(const Scene& scene, int frames) {
     if (moving.size() > 0) parts[0].steps = &*scene.quantisation;
   }
   return recorder_->append(parts, begin + static_cast<std::uint32_t>(frames));
+}
+
+Status StreamEncoder::skip(int frames) {
+  if (!recorder_) return usage_error("{}: no window has been encoded", recording_path());
+  const int before = this->frames(), after = before + frames;
+  if (settings_.resumable) STGS_TRY(set_.write(set_path(after)));
+  STGS_TRY(recorder_->append(std::span<const FragmentPart>(), static_cast<std::uint32_t>(after)));
+  std::error_code ignored;
+  fs::remove(set_path(before), ignored);
+  return {};
+}
+
+Status StreamEncoder::reopen() {
+  if (!bounds_) return usage_error("{}: no window has been encoded", recording_path());
+  recorder_.reset();
+  STGS_ASSIGN(recorder_, SceneRecorder::resume(recording_path(), record_settings()));
+  return {};
 }
 
 Status StreamEncoder::finish(const std::string& output) {

@@ -31,8 +31,22 @@ struct StreamSettings {
   // are those of `train`; `against` must be empty.
   PackSettings pack;
   std::string title;
+  // The file that grows, which players can follow; "": one in the folder. It must not exist when a
+  // run starts.
+  std::string recording;
+  bool carries_moving = false;  // see PersistentSet; not if it is resumable
+  // Keep the persistent set in the folder after each window, and wait until windows are on disk, so
+  // that a later process can resume. Otherwise the recording survives the end of the process alone.
+  bool resumable = true;
   // Describes everything else that the file depends on. A folder continues only an identical run.
   std::string identity;
+};
+
+// The work on a window; 0: that of the settings.
+struct WindowWork {
+  int iterations = 0;
+  double max_seconds = 0;  // of training, to which its schedule adapts
+  double keep = 0;         // fraction of the primitives that remain at its end (compact_keep)
 };
 
 // An encoded window.
@@ -60,10 +74,17 @@ class StreamEncoder {
   std::uint64_t persistent() const { return set_.size(); }
   // Encodes the frames that follow. `window` is a prepared capture of these frames alone, with the
   // cameras of the first window. After an error or a cancellation the recording ends
-  // with the previous window.
+  // with the previous window; after kIo it must be reopened.
   Result<StreamWindow> encode(const PreparedCapture& window, const ProgressSink& progress,
-                              const LogSink& log);
-  // Writes the finished file, atomically. kUsage before the first window.
+                              const LogSink& log, const WindowWork& work = {});
+  // Extends the recording by frames with persistent content alone, of a time that nothing is known
+  // of. kUsage before the first window; otherwise as encode().
+  Status skip(int frames);
+  // Continues after the last complete window of the recording, which an error has ended. kUsage
+  // before the first window.
+  Status reopen();
+  // Writes the finished file, atomically; it may replace the recording. kUsage before the first
+  // window.
   Status finish(const std::string& output);
   // Removes the folder. Only the destructor may follow.
   void remove_files();
@@ -80,9 +101,11 @@ class StreamEncoder {
   };
 
   Result<StreamWindow> encode_window(PreparedCapture window, const ProgressSink& progress,
-                                     const LogSink& log);
+                                     const LogSink& log, const WindowWork& work);
   void take_bounds(const PreparedCapture& first);
-  std::string recording_path() const { return folder_ + "/recording.stgs"; }
+  std::string recording_path() const {
+    return settings_.recording.empty() ? folder_ + "/recording.stgs" : settings_.recording;
+  }
   std::string set_path(int frames) const;
   RecordSettings record_settings() const;
   Status resume();

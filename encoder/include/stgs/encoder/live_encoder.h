@@ -1,0 +1,146 @@
+// SPDX-License-Identifier: Apache-2.0
+// Encodes a rig while it films: frames in, a growing .stgs file out.
+//
+// Frames are collected to windows of a fraction of the target latency. One thread prepares a window
+// while another trains the one before (stream_encoder.h). The work per window follows from the time
+// it took so far. If it is too much even at its least, windows become longer, and finally frames
+// are dropped when the memory for waiting frames is full.
+#pragma once
+
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "stgs/encoder/live_preparer.h"
+#include "stgs/encoder/stream_encoder.h"
+
+namespace stgs::encoder {
+
+class LiveController;
+class LiveQueue;
+struct LiveFrames;
+
+struct LiveSettings {
+  // `recording` is required; identity is ignored. The iterations of train are the most of a window.
+  StreamSettings stream;
+  double latency = 1.5;           // target from filming a frame to its fragment, seconds
+  double first_seconds = 3;       // of training for the first window, whose static content stays
+  double start_seconds = 10;      // wait for all cameras; then it starts with those that deliver
+  std::uint64_t queue_bytes = 0;  // of frames that wait; 0: a quarter of the available memory
+};
+
+// A window that was written, or left out.
+struct LiveWindow {
+  int first_frame = 0, frames = 0;
+  std::uint64_t missing = 0;  // images of cameras that take part, not delivered in time
+  int point_interval = 1, iterations = 0;
+  std::uint64_t primitives = 0, persistent = 0, bytes = 0;  // as in StreamWindow
+  double loss = 0;                                          // of training
+  double prepare_seconds = 0, train_seconds = 0;            // with writing
+  double step_seconds = 0;                                  // of the iterations, in train_seconds
+  double latency = 0;   // of its first frame, from the arrival of its last image, seconds
+  int waiting = 0;      // frames that wait
+  bool written = true;  // false: the disk or the preparation failed; it shows static content alone
+};
+
+// Totals.
+struct LiveReport {
+  int cameras = 0;                                                             // that take part
+  std::uint64_t received = 0;                                                  // images
+  std::uint64_t dropped = 0, late = 0, repeated = 0, ahead = 0, overflow = 0;  // of them
+  std::uint64_t missing = 0;  // images of cameras that take part, in written windows
+  int frames = 0, windows = 0, lost_frames = 0;  // lost: of windows that were not written
+  std::uint64_t primitives = 0, persistent = 0, bytes = 0;
+  double latency_median = 0, latency_p95 = 0, latency_max = 0;  // per frame, seconds
+};
+
+// Called after each window, on a thread of the encoder.
+using LiveWindowSink = std::function<void(const LiveWindow&)>;
+
+class LiveEncoder {
+ public:
+  // Starts two threads, which wait for frames. `folder` is a new or empty folder for the state of
+  // the run. The preparer must outlive the object and serves it alone, except for convert() and
+  // read_source(). Errors as StreamEncoder::open().
+  static Result<std::unique_ptr<LiveEncoder>> open(LivePreparer& preparer,
+                                                   const std::string& folder,
+                                                   const LiveSettings& settings,
+                                                   LiveWindowSink windows, LogSink log);
+  // Stops without encoding the frames that wait. The recording remains.
+  ~LiveEncoder();
+  LiveEncoder(const LiveEncoder&) = delete;
+  LiveEncoder& operator=(const LiveEncoder&) = delete;
+
+  // Adds a prepared frame (LivePreparer::convert()). `seconds`: of the common clock of the cameras.
+  // Never waits for encoding. Thread-safe, like end_camera().
+  void push(std::size_t camera, double seconds, Image8 frame);
+  // The camera delivers no more.
+  void end_camera(std::size_t camera);
+  // Returns whether an error has ended the encoding; finish() returns it.
+  bool failed() const;
+  // Returns the totals so far. Thread-safe.
+  LiveReport report() const;
+
+  // Ends all cameras, encodes the frames that wait and writes the finished file to `output`, which
+  // may be the recording. Returns the error that ended the encoding, if any: then the recording
+  // remains as it is.
+  Status finish(const std::string& output);
+
+ private:
+  // A window between the threads.
+  struct Prepared {
+    PreparedCapture capture;
+    LiveWindow window;
+    std::vector<double> arrived;  // per frame
+    Status status;                // of the preparation
+  };
+
+  LiveEncoder(LivePreparer& preparer, std::string folder, LiveSettings settings,
+              LiveWindowSink windows, LogSink log);
+  double now() const;
+  void prepare_windows();
+  Status prepare_all();
+  Result<bool> prepare_next(int index);
+  PreparedCapture assemble(const LiveFrames& frames, LiveWindow& window) const;
+  void train_windows();
+  Status train_all();
+  Status train(Prepared& prepared);
+  Status write(Prepared& prepared);
+  // Reopens the recording after lost windows, and covers their time with static content.
+  Status recover();
+  void count(const Prepared& prepared);
+  void fail(const Status& status);
+
+  LivePreparer& preparer_;
+  const std::string folder_;
+  LiveSettings settings_;
+  const LiveWindowSink windows_;
+  const LogSink log_;
+  const std::chrono::steady_clock::time_point begun_ = std::chrono::steady_clock::now();
+  std::unique_ptr<StreamEncoder> encoder_;
+  std::unique_ptr<LiveQueue> queue_;
+  std::unique_ptr<LiveController> controller_;
+  PreparedCapture rig_;                   // without frames; of the preparing thread
+  std::vector<std::size_t> taking_part_;  // cameras of rig_, as indices of the preparer
+  int lost_ = 0;                          // frames that the file does not cover yet
+  bool has_first_ = false;                // the first window is written
+  bool keeps_chosen_ = false;             // the settings state compact_keep
+
+  mutable std::mutex mutex_;  // of everything below
+  std::condition_variable handed_;
+  std::optional<Prepared> next_;
+  bool prepared_all_ = false, stopped_ = false;
+  Status error_;
+  LiveReport report_;
+  std::vector<std::uint32_t> latencies_;  // frames, by milliseconds
+  std::thread preparing_, training_;      // last: they use the members above
+};
+
+}  // namespace stgs::encoder

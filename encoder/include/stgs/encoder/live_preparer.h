@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+// The cameras of a rig that films now, and the preparation of their frames window by window.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "stgs/encoder/prepare.h"
+#include "stgs/encoder/prepared_capture.h"
+#include "stgs/encoder/progress.h"
+#include "stgs/format/status.h"
+
+namespace stgs::encoder {
+
+// A camera of a rig.
+struct LiveCamera {
+  std::string name;
+  // A path or URL; "": its frames are pushed by the application.
+  std::string source;
+};
+
+// An image in the caller's memory: 8 bits per channel, 3 channels.
+struct LiveImage {
+  const std::uint8_t* data = nullptr;
+  int width = 0, height = 0;  // pixels
+  std::size_t stride = 0;     // bytes between rows
+  bool bgr = false;           // the order of the channels; false: RGB
+};
+
+// Receives the frames of a source: seconds of its clock, in ascending order unless the source
+// jumps, and the prepared frame. Called on the thread of the source.
+using LiveFrameSink = std::function<void(std::size_t camera, double seconds, Image8 frame)>;
+
+class LivePreparer {
+ public:
+  // Reads the calibration: the file cameras.json (layout "videos"), or a folder with this file, in
+  // which a camera may have a "source". Held-out cameras are left out. `settings`: scale, numbers
+  // of points, seed, backend and trust_calibration are used. `fps`: frames per second of the rig;
+  // 0: the value of the file, which then must have one.
+  static Result<std::unique_ptr<LivePreparer>> open(const std::string& rig,
+                                                    const PrepareSettings& settings, double fps,
+                                                    const LogSink& log);
+  virtual ~LivePreparer() = default;
+
+  virtual const std::vector<LiveCamera>& cameras() const = 0;
+  virtual double fps() const = 0;
+
+  // Undistorts and scales a frame. All frames of a camera have one size, else kUsage. Thread-safe
+  // for different cameras.
+  virtual Result<Image8> convert(std::size_t camera, const LiveImage& image) = 0;
+  // Reads the source of a camera until it ends or `stopped` returns true, and waits for its frames:
+  // those of a video come at their own pace. kIo or kInvalidFile for a source that cannot be read;
+  // streams that break off are opened again. Thread-safe for different cameras.
+  virtual Status read_source(std::size_t camera, const LiveFrameSink& sink,
+                             const std::function<bool()>& stopped, const LogSink& log) = 0;
+
+  // Chooses the cameras that take part, each of which has converted a frame, and returns the
+  // prepared capture without frames. Call it once, before prepare().
+  virtual Result<PreparedCapture> start(const std::vector<bool>& takes_part) = 0;
+  // Finds the initial points of a window, whose frames are in memory alone, and sets its bounds.
+  // `folder` receives capture.json and the points. The first frame of the first window needs all
+  // cameras. Every `point_interval`-th frame has dynamic points. One thread at a time.
+  virtual Status prepare(PreparedCapture& window, int point_interval, const ProgressSink& progress,
+                         const LogSink& log) = 0;
+};
+
+}  // namespace stgs::encoder

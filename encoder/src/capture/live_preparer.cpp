@@ -1,0 +1,199 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stgs/encoder/live_preparer.h"
+
+#include <algorithm>
+#include <filesystem>
+#include <mutex>
+#include <opencv2/imgproc.hpp>
+#include <utility>
+
+#include "camera_plan.h"
+#include "init/background.h"
+#include "init/init.h"
+#include "live_source.h"
+#include "plural.h"
+#include "serial_opencv.h"
+#include "stgs/encoder/camera_json.h"
+
+namespace stgs::encoder {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr double kSettleSeconds = 8;  // after which static content becomes background
+
+class Rig final : public LivePreparer {
+ public:
+  Rig(PrepareSettings settings, std::string name)
+      : settings_(std::move(settings)), name_(std::move(name)) {}
+
+  Status open(double fps, const LogSink& log) {
+    STGS_TRY(load(log));
+    std::erase_if(source_.cameras, [](const SourceCamera& camera) { return camera.test; });
+    if (source_.cameras.size() < 2) {
+      return invalid_file("{}: {} that is not held out (expected at least 2)", name_,
+                          plural(source_.cameras.size(), "camera"));
+    }
+    clock_.fps = fps > 0 ? fps : source_.fps;
+    if (!(clock_.fps >= 0.1 && clock_.fps <= 1000)) {
+      return usage_error("{}: no usable frame rate (expected 0.1 to 1000 fps, got {}); set --fps",
+                         name_, clock_.fps);
+    }
+    for (const SourceCamera& camera : source_.cameras) {
+      const std::string& recorded =
+          camera.video.empty() && !camera.images.empty() ? camera.images.front() : camera.video;
+      cameras_.push_back({camera.name, camera.live_source.empty() ? recorded : camera.live_source});
+    }
+    mapped_.resize(cameras_.size());
+    return {};
+  }
+
+  const std::vector<LiveCamera>& cameras() const override { return cameras_; }
+  double fps() const override { return clock_.fps; }
+
+  Result<Image8> convert(std::size_t camera, const LiveImage& image) override {
+    try {
+      return convert_image(camera, image);
+    } catch (const std::exception& error) {
+      return runtime_error("camera '{}': {}", cameras_[camera].name, error.what());
+    }
+  }
+
+  Status read_source(std::size_t camera, const LiveFrameSink& sink,
+                     const std::function<bool()>& stopped, const LogSink& log) override {
+    std::call_once(started_, [this] { clock_.start = LiveClock::Clock::now(); });
+    const auto convert_and_push = [&](double seconds, const cv::Mat& bgr) -> Status {
+      STGS_ASSIGN(Image8 frame, convert(camera, {bgr.data, bgr.cols, bgr.rows, bgr.step[0], true}));
+      sink(camera, seconds, std::move(frame));
+      return {};
+    };
+    try {
+      return read_live_source(*source_.files, source_.cameras[camera], clock_, convert_and_push,
+                              stopped, log);
+    } catch (const std::exception& error) {
+      return runtime_error("camera '{}': {}", cameras_[camera].name, error.what());
+    }
+  }
+
+  Result<PreparedCapture> start(const std::vector<bool>& takes_part) override {
+    PreparedCapture rig;
+    rig.source = layout_name(source_.layout);
+    rig.metric = source_.metric;
+    rig.time_base = frame_time_of(clock_.fps);
+    rig.memory_only = true;
+    for (std::size_t i = 0; i < cameras_.size(); ++i) {
+      if (!takes_part[i]) continue;
+      STGS_TRY(check_camera(mapped_[i]->plan.camera, name_));
+      rig.cameras.push_back(mapped_[i]->plan.camera);
+    }
+    if (rig.cameras.size() < 2) {
+      return runtime_error("{}: {} delivered frames (expected at least 2)", name_,
+                           plural(rig.cameras.size(), "camera"));
+    }
+    backgrounds_ = std::make_shared<init::LiveBackgrounds>(
+        std::max(1, static_cast<int>(kSettleSeconds * clock_.fps)));
+    return rig;
+  }
+
+  Status prepare(PreparedCapture& window, int point_interval, const ProgressSink& progress,
+                 const LogSink& log) override {
+    InitSettings init;
+    init.name = name_;
+    init.trust_calibration = settings_.trust_calibration;
+    init.max_dynamic_points = settings_.max_dynamic_points;
+    init.max_static_points = settings_.max_static_points;
+    init.seed = settings_.seed;
+    init.backend = settings_.backend;
+    init.use_colmap = false;
+    init.write_report = false;
+    init.live = backgrounds_;
+    init.point_interval = point_interval;
+    const LogSink log_or_none = log ? log : [](int, const std::string&) {};
+    try {
+      STGS_TRY(findings_ ? initialise_later(window, init, *findings_, progress, log_or_none)
+                         : initialise(window, init, progress, log_or_none, &findings_));
+      return write_prepared_capture(window);
+    } catch (const std::exception& error) {
+      return runtime_error("{}: {}", name_, error.what());
+    }
+  }
+
+ private:
+  // A camera after its first frame.
+  struct Mapped {
+    CameraPlan plan;
+    FrameMapping mapping;
+    explicit Mapped(CameraPlan made) : plan(std::move(made)), mapping(plan) {}
+  };
+
+  Status load(const LogSink& log) {
+    try {
+      const bool is_file = fs::is_regular_file(name_);
+      const fs::path folder = is_file ? fs::absolute(name_).parent_path() : fs::path(name_);
+      const std::string file = is_file ? fs::absolute(name_).string() : name_ + "/cameras.json";
+      if (!is_file && !fs::exists(file)) {  // a recorded capture, played as if it was filmed
+        STGS_ASSIGN(source_, load_source(name_, settings_, {}, log));
+        return {};
+      }
+      STGS_ASSIGN(const auto files, CaptureFolder::open(folder.string(), settings_.allow_outside));
+      STGS_ASSIGN(source_, load_rig(files, file));
+      return {};
+    } catch (const fs::filesystem_error& error) {
+      return io_error("{}: {}", name_, error.code().message());
+    } catch (const std::exception& error) {
+      return invalid_file("{}: {}", name_, error.what());
+    }
+  }
+
+  Result<Image8> convert_image(std::size_t camera, const LiveImage& image) {
+    std::unique_ptr<Mapped>& mapped = mapped_[camera];
+    if (!mapped) {
+      STGS_ASSIGN(CameraPlan plan,
+                  plan_camera(source_.cameras[camera], {image.width, image.height, 0, clock_.fps},
+                              settings_.scale));
+      mapped = std::make_unique<Mapped>(std::move(plan));
+    }
+    const FrameInfo& size = mapped->plan.source;
+    if (image.width != size.width || image.height != size.height) {
+      return usage_error(
+          "camera '{}': a frame differs in size from the first (expected {}x{}, got "
+          "{}x{})",
+          cameras_[camera].name, size.width, size.height, image.width, image.height);
+    }
+    const cv::Mat source(image.height, image.width, CV_8UC3, const_cast<std::uint8_t*>(image.data),
+                         image.stride);
+    const cv::Mat out = mapped->mapping.frame(source);
+    Image8 frame{out.cols, out.rows, 3, {}};
+    frame.data.resize(out.total() * 3);
+    cv::Mat target(out.size(), CV_8UC3, frame.data.data());
+    if (image.bgr)
+      cv::cvtColor(out, target, cv::COLOR_BGR2RGB);
+    else
+      out.copyTo(target);
+    return frame;
+  }
+
+  const SerialOpenCv serial_;
+  const PrepareSettings settings_;
+  const std::string name_;
+  SourceCapture source_;
+  std::vector<LiveCamera> cameras_;
+  std::vector<std::unique_ptr<Mapped>> mapped_;  // per camera; null: no frame yet
+  LiveClock clock_;
+  std::once_flag started_;
+  std::shared_ptr<init::LiveBackgrounds> backgrounds_;
+  std::shared_ptr<const StaticFindings> findings_;  // null before the first window
+};
+
+}  // namespace
+
+Result<std::unique_ptr<LivePreparer>> LivePreparer::open(const std::string& rig,
+                                                         const PrepareSettings& settings,
+                                                         double fps, const LogSink& log) {
+  const LogSink log_or_none = log ? log : [](int, const std::string&) {};
+  auto opened = std::make_unique<Rig>(settings, rig);
+  STGS_TRY(opened->open(fps, log_or_none));
+  return std::unique_ptr<LivePreparer>(std::move(opened));
+}
+
+}  // namespace stgs::encoder

@@ -1,0 +1,344 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stgs/encoder/live_encoder.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <filesystem>
+#include <utility>
+
+#include "live_controller.h"
+#include "live_queue.h"
+#include "stgs/encoder/frame_memory.h"
+#include "train/machine_memory.h"
+#include "train/training_choice.h"
+
+namespace stgs::encoder {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr double kKeep = 0.85;                   // of the primitives of a window
+constexpr double kQueueShare = 0.25;             // of the available memory
+constexpr std::size_t kMaxMilliseconds = 60000;  // the largest latency that is recorded
+
+}  // namespace
+
+LiveEncoder::LiveEncoder(LivePreparer& preparer, std::string folder, LiveSettings settings,
+                         LiveWindowSink windows, LogSink log)
+    : preparer_(preparer),
+      folder_(std::move(folder)),
+      settings_(std::move(settings)),
+      windows_(std::move(windows)),
+      log_(log ? std::move(log) : [](int, const std::string&) {}),
+      latencies_(kMaxMilliseconds + 1, 0) {}
+
+double LiveEncoder::now() const {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - begun_).count();
+}
+
+Result<std::unique_ptr<LiveEncoder>> LiveEncoder::open(LivePreparer& preparer,
+                                                       const std::string& folder,
+                                                       const LiveSettings& settings,
+                                                       LiveWindowSink windows, LogSink log) {
+  std::unique_ptr<LiveEncoder> live(
+      new LiveEncoder(preparer, folder, settings, std::move(windows), std::move(log)));
+  live->settings_.stream.identity = "live\n";
+  live->settings_.stream.resumable = false;
+  live->settings_.stream.carries_moving = true;
+  TrainSettings& train = live->settings_.stream.train;
+  train.held_out_evaluations = 0;
+  live->keeps_chosen_ =
+      std::any_of(train.overrides.begin(), train.overrides.end(),
+                  [](const auto& entry) { return entry.first == "compact_keep"; });
+  STGS_ASSIGN(const TrainingChoice choice, choose_training(settings.stream.train));
+  STGS_ASSIGN(live->encoder_, StreamEncoder::open(folder, live->settings_.stream));
+  if (live->encoder_->frames() > 0) {
+    return usage_error("{}: holds another recording; name a new or empty folder", folder);
+  }
+  std::uint64_t bytes = settings.queue_bytes;
+  if (bytes == 0)
+    bytes = static_cast<std::uint64_t>(kQueueShare * static_cast<double>(available_memory()));
+  live->queue_ = std::make_unique<LiveQueue>(preparer.cameras().size(), preparer.fps(), bytes);
+  live->controller_ = std::make_unique<LiveController>(preparer.fps(), settings.latency,
+                                                       choice.parameters.iterations);
+  live->preparing_ = std::thread([encoder = live.get()] { encoder->prepare_windows(); });
+  live->training_ = std::thread([encoder = live.get()] { encoder->train_windows(); });
+  return live;
+}
+
+LiveEncoder::~LiveEncoder() {
+  {
+    const std::lock_guard lock(mutex_);
+    stopped_ = true;
+  }
+  handed_.notify_all();
+  queue_->end_all();
+  if (preparing_.joinable()) preparing_.join();
+  if (training_.joinable()) training_.join();
+}
+
+void LiveEncoder::push(std::size_t camera, double seconds, Image8 frame) {
+  queue_->push(camera, seconds, std::make_shared<const Image8>(std::move(frame)), now());
+}
+
+void LiveEncoder::end_camera(std::size_t camera) {
+  queue_->end(camera);
+}
+
+bool LiveEncoder::failed() const {
+  const std::lock_guard lock(mutex_);
+  return !error_.ok();
+}
+
+void LiveEncoder::fail(const Status& status) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (error_.ok()) error_ = status;
+    stopped_ = true;
+  }
+  handed_.notify_all();
+  queue_->end_all();
+}
+
+void LiveEncoder::prepare_windows() {
+  Status status;
+  try {
+    status = prepare_all();
+  } catch (const std::exception& error) {
+    status = runtime_error("preparing a live window failed: {}", error.what());
+  }
+  if (!status.ok()) fail(status);
+  const std::lock_guard lock(mutex_);
+  prepared_all_ = true;
+  handed_.notify_all();
+}
+
+Status LiveEncoder::prepare_all() {
+  const std::vector<bool> takes_part =
+      queue_->start(now() + settings_.start_seconds, [this] { return now(); });
+  if (takes_part.empty()) {
+    return runtime_error(
+        "fewer than 2 cameras have delivered a frame; check the sources of the cameras");
+  }
+  for (std::size_t c = 0; c < takes_part.size(); ++c) {
+    if (takes_part[c]) {
+      taking_part_.push_back(c);
+      continue;
+    }
+    log_(1, fmt::format("camera '{}' has delivered no frame for {:.0f} s; encoding without it",
+                        preparer_.cameras()[c].name, settings_.start_seconds));
+  }
+  STGS_ASSIGN(rig_, preparer_.start(takes_part));
+  {
+    const std::lock_guard lock(mutex_);
+    report_.cameras = static_cast<int>(taking_part_.size());
+  }
+  for (int index = 0;; ++index) {
+    STGS_ASSIGN(const bool has_more, prepare_next(index));
+    if (!has_more) return {};
+  }
+}
+
+PreparedCapture LiveEncoder::assemble(const LiveFrames& frames, LiveWindow& window) const {
+  PreparedCapture capture = rig_;
+  capture.first_frame = frames.first;
+  capture.frames = static_cast<int>(frames.frames.size());
+  capture.memory = std::make_shared<FrameMemory>();
+  for (std::size_t f = 0; f < frames.frames.size(); ++f) {
+    for (std::size_t c = 0; c < taking_part_.size(); ++c) {
+      const auto& image = frames.frames[f].images[taking_part_[c]];
+      if (image)
+        capture.memory->add_frame(rig_.cameras[c].name, static_cast<int>(f), image);
+      else
+        ++window.missing;
+    }
+  }
+  return capture;
+}
+
+// Returns whether there was a window.
+Result<bool> LiveEncoder::prepare_next(int index) {
+  const auto clock = [this] { return now(); };
+  const int least = controller_->window();
+  const int most = index == 0 ? least : controller_->frames(queue_->ready(now()));
+  const LiveFrames frames = queue_->take(least, most, clock);
+  if (frames.frames.empty()) return false;
+  Prepared prepared;
+  LiveWindow& window = prepared.window;
+  window.first_frame = frames.first;
+  window.frames = static_cast<int>(frames.frames.size());
+  for (const LiveFrame& frame : frames.frames) prepared.arrived.push_back(frame.arrived);
+  prepared.capture = assemble(frames, window);
+  prepared.capture.folder = fmt::format("{}/window-{}", folder_, index % 3);
+  fs::create_directories(prepared.capture.folder);
+  const bool has_images = window.missing < taking_part_.size() * frames.frames.size();
+  if (has_images) {
+    if (index > 0) {
+      const std::lock_guard lock(mutex_);
+      window.point_interval = controller_->point_interval(window.frames, frames.waiting);
+    }
+    const double begin = now();
+    prepared.status = preparer_.prepare(
+        prepared.capture, window.point_interval,
+        [this](const Progress&) {
+          const std::lock_guard lock(mutex_);
+          return !stopped_;
+        },
+        log_);
+    // Without the first window there is no static content.
+    if (index == 0) STGS_TRY(prepared.status);
+    window.prepare_seconds = now() - begin;
+    const std::lock_guard lock(mutex_);
+    if (index > 0)
+      controller_->prepared(window.frames, window.point_interval, window.prepare_seconds);
+  } else {
+    prepared.status = runtime_error("frames {}:{}: no camera has delivered an image", frames.first,
+                                    frames.first + window.frames);
+  }
+  std::unique_lock lock(mutex_);
+  handed_.wait(lock, [this] { return !next_ || stopped_; });
+  if (stopped_) return false;
+  next_ = std::move(prepared);
+  handed_.notify_all();
+  return true;
+}
+
+void LiveEncoder::train_windows() {
+  Status status;
+  try {
+    status = train_all();
+  } catch (const std::exception& error) {
+    status = runtime_error("training a live window failed: {}", error.what());
+  }
+  if (!status.ok()) fail(status);
+}
+
+Status LiveEncoder::train_all() {
+  while (true) {
+    std::unique_lock lock(mutex_);
+    handed_.wait(lock, [this] { return next_ || prepared_all_ || stopped_; });
+    if (stopped_ || !next_) return {};
+    Prepared prepared = *std::exchange(next_, std::nullopt);
+    lock.unlock();
+    handed_.notify_all();
+    STGS_TRY(train(prepared));
+    count(prepared);
+    if (windows_) windows_(prepared.window);
+  }
+}
+
+Status LiveEncoder::train(Prepared& prepared) {
+  Status status = prepared.status;
+  if (status.ok()) status = write(prepared);
+  LiveWindow& window = prepared.window;
+  if (status.ok()) return {};
+  // Without the first window there is nothing to continue.
+  if (!has_first_) return status;
+  window.written = false;
+  lost_ += window.frames;
+  log_(1, fmt::format("frames {}:{} show static content alone: {}", window.first_frame,
+                      window.first_frame + window.frames, status.message()));
+  return status.code() == StatusCode::kNoMemory ? status : Status();
+}
+
+Status LiveEncoder::write(Prepared& prepared) {
+  STGS_TRY(recover());
+  LiveWindow& window = prepared.window;
+  const bool is_first = !has_first_;
+  const int waiting = queue_->ready(now());
+  WindowWork work;
+  // Before static content is stored, removing primitives would remove it, too.
+  if (!keeps_chosen_) work.keep = encoder_->persistent() == 0 ? 1.0 : kKeep;
+  if (is_first) {
+    work.max_seconds = settings_.first_seconds;
+  } else {
+    const std::lock_guard lock(mutex_);
+    work.iterations = controller_->iterations(window.frames, waiting);
+  }
+  const double begin = now();
+  const ProgressSink progress = [this](const Progress&) {
+    const std::lock_guard lock(mutex_);
+    return !stopped_;
+  };
+  STGS_ASSIGN(const StreamWindow written, encoder_->encode(prepared.capture, progress, log_, work));
+  has_first_ = true;
+  const double end = now();
+  window.iterations = written.training.iterations;
+  window.primitives = written.primitives;
+  window.persistent = written.persistent;
+  window.bytes = written.bytes;
+  window.loss = written.training.final_loss;
+  window.step_seconds = written.training.seconds;
+  window.train_seconds = end - begin;
+  window.latency = end - prepared.arrived.front();
+  window.waiting = queue_->ready(end);
+  const std::lock_guard lock(mutex_);
+  if (is_first)
+    controller_->first_trained(window.iterations, window.step_seconds);
+  else
+    controller_->trained(window.iterations, window.train_seconds);
+  for (const double arrived : prepared.arrived) {
+    const double milliseconds = std::clamp(1e3 * (end - arrived), 0.0, double(kMaxMilliseconds));
+    ++latencies_[static_cast<std::size_t>(milliseconds)];
+  }
+  return {};
+}
+
+Status LiveEncoder::recover() {
+  if (lost_ == 0) return {};
+  // The error may have closed the recording.
+  Status status = encoder_->reopen();
+  if (status.ok()) status = encoder_->skip(lost_);
+  if (status.ok()) lost_ = 0;
+  return status;
+}
+
+void LiveEncoder::count(const Prepared& prepared) {
+  const LiveWindow& window = prepared.window;
+  const std::lock_guard lock(mutex_);
+  ++report_.windows;
+  report_.frames += window.frames;
+  report_.missing += window.missing;
+  if (!window.written) report_.lost_frames += window.frames;
+  report_.primitives += window.primitives;
+  report_.persistent = window.written ? window.persistent : report_.persistent;
+  report_.bytes += window.bytes;
+}
+
+LiveReport LiveEncoder::report() const {
+  const std::lock_guard lock(mutex_);
+  LiveReport out = report_;
+  out.received = queue_->received();
+  const LiveDropped dropped = queue_->dropped();
+  out.dropped = dropped.total();
+  out.late = dropped.late;
+  out.repeated = dropped.repeated;
+  out.ahead = dropped.ahead;
+  out.overflow = dropped.overflow;
+  std::uint64_t total = 0, below = 0;
+  for (const std::uint32_t count : latencies_) total += count;
+  for (std::size_t ms = 0; ms < latencies_.size(); ++ms) {
+    if (latencies_[ms] == 0) continue;
+    const double seconds = 1e-3 * static_cast<double>(ms);
+    if (2 * below < total) out.latency_median = seconds;
+    if (20 * below < 19 * total) out.latency_p95 = seconds;
+    out.latency_max = seconds;
+    below += latencies_[ms];
+  }
+  return out;
+}
+
+Status LiveEncoder::finish(const std::string& output) {
+  queue_->end_all();
+  preparing_.join();
+  training_.join();
+  {
+    const std::lock_guard lock(mutex_);
+    STGS_TRY(error_);
+  }
+  STGS_TRY(recover());
+  return encoder_->finish(output);
+}
+
+}  // namespace stgs::encoder

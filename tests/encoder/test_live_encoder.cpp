@@ -1,0 +1,218 @@
+// SPDX-License-Identifier: Apache-2.0
+// Frames that are pushed while they are filmed become a file that grows.
+#include "stgs/encoder/live_encoder.h"
+
+#include <filesystem>
+#include <fstream>
+#include <thread>
+
+#include "catch.h"
+#include "fixtures/played_psnr.h"
+#include "fixtures/synthetic_capture.h"
+#include "fixtures/train_run.h"
+#include "stgs/encoder/frame_memory.h"
+#include "stgs/format/scene_file.h"
+
+using namespace stgs;
+using namespace stgs::encoder;
+using stgs::test::SyntheticCapture;
+
+namespace {
+
+constexpr int kFrames = 24;
+constexpr double kFps = 20;
+
+// Prepares frames of a synthetic capture with its own points.
+class KnownPoints final : public LivePreparer {
+ public:
+  explicit KnownPoints(const PreparedCapture& capture) : capture_(capture) {
+    for (const Camera& camera : capture.training_cameras()) cameras_.push_back({camera.name, ""});
+    points_ = *read_points(capture.folder + "/points_dynamic.ply");
+  }
+  const std::vector<LiveCamera>& cameras() const override { return cameras_; }
+  double fps() const override { return kFps; }
+  Result<Image8> convert(std::size_t, const LiveImage&) override {
+    return runtime_error("not used");
+  }
+  Status read_source(std::size_t, const LiveFrameSink&, const std::function<bool()>&,
+                     const LogSink&) override {
+    return runtime_error("not used");
+  }
+  Result<PreparedCapture> start(const std::vector<bool>& takes_part) override {
+    PreparedCapture rig = capture_;
+    rig.cameras.clear();
+    const std::vector<Camera> training = capture_.training_cameras();
+    for (std::size_t i = 0; i < training.size(); ++i)
+      if (takes_part[i]) rig.cameras.push_back(training[i]);
+    rig.files.reset();
+    rig.memory_only = true;
+    rig.time_base = frame_time_of(kFps);
+    return rig;
+  }
+  Status prepare(PreparedCapture& window, int point_interval, const ProgressSink&,
+                 const LogSink&) override {
+    if (fails_at == window.first_frame) return runtime_error("no points");
+    intervals.push_back(point_interval);
+    std::vector<InitialPoint> dynamics;
+    for (InitialPoint point : points_) {
+      point.frame -= window.first_frame;
+      if (point.frame >= 0 && point.frame < window.frames) dynamics.push_back(point);
+    }
+    std::filesystem::copy_file(capture_.folder + "/points_static.ply",
+                               window.folder + "/points_static.ply",
+                               std::filesystem::copy_options::overwrite_existing);
+    STGS_TRY(write_points(window.folder + "/points_dynamic.ply", dynamics));
+    return write_prepared_capture(window);
+  }
+
+  std::vector<int> intervals;
+  int fails_at = -1;
+
+ private:
+  const PreparedCapture& capture_;
+  std::vector<LiveCamera> cameras_;
+  std::vector<InitialPoint> points_;
+};
+
+struct Run {
+  const SyntheticCapture synthetic{4, kFrames};
+  KnownPoints preparer{synthetic.capture};
+  const std::string output = synthetic.capture.folder + "/live.stgs",
+                    folder = synthetic.capture.folder + "/live";
+  std::vector<LiveWindow> windows;
+
+  std::unique_ptr<LiveEncoder> open() {
+    LiveSettings settings;
+    settings.stream.train = test::short_run(300);
+    settings.stream.recording = output;
+    settings.latency = 0.5;
+    settings.first_seconds = 20;
+    settings.start_seconds = 0.5;
+    std::filesystem::create_directory(folder);
+    auto live = LiveEncoder::open(
+        preparer, folder, settings, [this](const LiveWindow& w) { windows.push_back(w); }, nullptr);
+    INFO(live.status().message());
+    REQUIRE(live.ok());
+    return std::move(*live);
+  }
+  void push(LiveEncoder& live, std::size_t camera, int frame) {
+    const Camera of = synthetic.capture.training_cameras()[camera];
+    live.push(camera, 100 + frame / kFps, *load_frame(synthetic.capture, of, frame));
+  }
+};
+
+}  // namespace
+
+TEST_CASE("frames that are pushed become a file, which can be read while it grows") {
+  Run run;
+  const auto live = run.open();
+  const std::size_t cameras = run.preparer.cameras().size();
+  for (int f = 0; f < 12; ++f)
+    for (std::size_t c = 0; c < cameras; ++c) run.push(*live, c, f);
+  // The first window is written once eight frames have arrived.
+  while (live->report().windows == 0 && !live->failed())
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  {
+    const auto growing = SceneReader::open(run.output);
+    REQUIRE(growing.ok());
+    CHECK((*growing)->form() == SceneForm::kGrowing);
+    CHECK((*growing)->metadata().frames == 8);
+  }
+  for (int f = 12; f < kFrames; ++f)
+    for (std::size_t c = 0; c < cameras; ++c) run.push(*live, c, f);
+  const Status finished = live->finish(run.output);
+  INFO(finished.message());
+  REQUIRE(finished.ok());
+  const LiveReport report = live->report();
+  CHECK(report.frames == kFrames);
+  CHECK(report.cameras == static_cast<int>(cameras));
+  CHECK(report.received == cameras * kFrames);
+  CHECK(report.dropped == 0);
+  CHECK(report.missing == 0);
+  CHECK(report.lost_frames == 0);
+  CHECK(report.persistent > 50);
+  CHECK(report.latency_median > 0);
+  CHECK(report.latency_p95 >= report.latency_median);
+  REQUIRE(run.windows.size() >= 2);
+  CHECK(run.windows[0].frames == 8);
+  CHECK(run.windows[1].first_frame == 8);
+  CHECK(run.preparer.intervals[0] == 1);
+  const auto scene = read_scene(run.output);
+  REQUIRE(scene.ok());
+  CHECK(scene->metadata.frames == kFrames);
+  PreparedCapture timed = run.synthetic.capture;
+  timed.time_base = frame_time_of(kFps);
+  // The first window has its full iterations; the others arrive at once, as a backlog.
+  std::vector<double> psnr = test::psnr_by_frame(run.output, timed);
+  CHECK(*std::min_element(psnr.begin(), psnr.end()) > 15);
+  psnr.resize(8);
+  CHECK(test::mean_of(psnr) > 21);
+}
+
+TEST_CASE("a window without points or frames shows static content, and the next ones continue") {
+  Run run;
+  run.preparer.fails_at = 8;
+  const auto live = run.open();
+  const std::size_t cameras = run.preparer.cameras().size();
+  for (int f = 0; f < kFrames; ++f) {
+    for (std::size_t c = 0; c < cameras; ++c) {
+      if (c == 1 && f >= 4 && f < 8) continue;  // a camera that stalls
+      run.push(*live, c, f);
+    }
+    if (f == 7) {
+      while (live->report().windows == 0 && !live->failed())
+        std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    }
+    if (f == 15) {
+      while (live->report().windows < 2 && !live->failed())
+        std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    }
+  }
+  const Status finished = live->finish(run.output);
+  INFO(finished.message());
+  REQUIRE(finished.ok());
+  const LiveReport report = live->report();
+  CHECK(report.frames == kFrames);
+  CHECK(report.lost_frames == 8);
+  CHECK(report.missing == 4);
+  REQUIRE(run.windows.size() == 3);
+  CHECK_FALSE(run.windows[1].written);
+  const auto scene = read_scene(run.output);
+  REQUIRE(scene.ok());
+  CHECK(scene->metadata.frames == kFrames);
+}
+
+TEST_CASE("a camera that delivers nothing is left out, and one alone is an error") {
+  Run run;
+  {
+    const auto live = run.open();
+    const std::size_t cameras = run.preparer.cameras().size();
+    for (int f = 0; f < 10; ++f)
+      for (std::size_t c = 1; c < cameras; ++c) run.push(*live, c, f);
+    REQUIRE(live->finish(run.output).ok());
+    CHECK(live->report().cameras == static_cast<int>(cameras) - 1);
+    CHECK(live->report().frames == 10);
+  }
+  std::filesystem::remove_all(run.folder);
+  std::filesystem::remove(run.output);
+  const auto live = run.open();
+  for (int f = 0; f < 10; ++f) run.push(*live, 0, f);
+  const Status failed = live->finish(run.output);
+  CHECK(failed.code() == StatusCode::kRuntime);
+  CHECK_THAT(failed.message(), Catch::Contains("fewer than 2 cameras"));
+  CHECK_FALSE(std::filesystem::exists(run.output));
+}
+
+TEST_CASE("a live encoder that is destroyed leaves a recording") {
+  Run run;
+  {
+    const auto live = run.open();
+    for (int f = 0; f < 10; ++f)
+      for (std::size_t c = 0; c < run.preparer.cameras().size(); ++c) run.push(*live, c, f);
+    while (live->report().windows == 0 && !live->failed())
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
+  const auto growing = SceneReader::open(run.output);
+  REQUIRE(growing.ok());
+  CHECK((*growing)->metadata().frames == 8);
+}

@@ -1,0 +1,154 @@
+// SPDX-License-Identifier: Apache-2.0
+// The frames of live cameras in order, and the work per window that keeps up.
+#include "stream/live_queue.h"
+
+#include "catch.h"
+#include "stream/live_controller.h"
+
+using namespace stgs;
+using namespace stgs::encoder;
+
+namespace {
+
+constexpr double kFps = 10;
+constexpr std::size_t kBytes = 300;
+
+std::shared_ptr<const Image8> image(int value = 0) {
+  Image8 out{10, 10, 3, {}};
+  out.data.assign(kBytes, static_cast<std::uint8_t>(value));
+  return std::make_shared<const Image8>(std::move(out));
+}
+
+// A clock that the test sets. Waiting advances it, so that no call waits for long.
+struct Clock {
+  double seconds = 0;
+  std::function<double()> now() {
+    return [this] { return seconds += 1e-3; };
+  }
+};
+
+// Frames [begin, end) of a camera, each delivered when it is filmed.
+void film(LiveQueue& queue, std::size_t camera, int begin, int end, double offset = 0) {
+  for (int f = begin; f < end; ++f) queue.push(camera, f / kFps + offset, image(f), f / kFps);
+}
+
+}  // namespace
+
+TEST_CASE("a live capture begins with the first frame that all cameras delivered") {
+  LiveQueue queue(3, kFps, 1 << 20);
+  Clock clock;
+  film(queue, 0, 5, 12);
+  film(queue, 1, 7, 12, 0.02);  // its clock is 0.2 frames ahead
+  film(queue, 2, 6, 11);
+  CHECK(queue.start(100, clock.now()) == std::vector<bool>{true, true, true});
+  clock.seconds = 1.1;
+  const LiveFrames frames = queue.take(3, 3, clock.now());
+  CHECK(frames.first == 0);
+  REQUIRE(frames.frames.size() == 3);
+  CHECK(frames.frames[0].images[0]->data[0] == 7);
+  CHECK(frames.frames[0].images[1]->data[0] == 7);
+  CHECK(frames.frames[0].images[2]->data[0] == 7);
+  CHECK(frames.frames[2].arrived == 0.9);
+  CHECK(frames.waiting == 1);  // frame 10; camera 2 has not delivered frame 11
+  CHECK(queue.take(1, 5, clock.now()).first == 3);
+  CHECK(queue.dropped().total() == 0);
+}
+
+TEST_CASE("cameras may start late, stall, repeat frames and drop out") {
+  LiveQueue queue(3, kFps, 1 << 20);
+  Clock clock;
+  film(queue, 0, 0, 3);
+  film(queue, 1, 0, 3);
+  // Camera 2 has delivered nothing until the deadline.
+  CHECK(queue.start(0.5, clock.now()) == std::vector<bool>{true, true, false});
+  film(queue, 2, 0, 3);
+  film(queue, 0, 3, 10);
+  queue.push(0, 0.9, image(99), 0.9);
+  CHECK(queue.dropped().repeated == 1);
+  // Camera 1 stalls: its frames are missing after the grace time.
+  clock.seconds = 0.3;
+  CHECK(queue.take(3, 3, clock.now()).frames[2].images[1] != nullptr);
+  CHECK(queue.ready(0.3) == 0);
+  CHECK(queue.ready(0.9) == 7);
+  const LiveFrames without = queue.take(4, 4, clock.now());
+  REQUIRE(without.frames.size() == 4);
+  CHECK(without.frames[0].images[1] == nullptr);
+  CHECK(without.frames[0].images[0]->data[0] == 3);
+  // It comes back, with frames that were taken, and others.
+  film(queue, 1, 5, 10);
+  CHECK(queue.dropped().late == 2);
+  queue.end(0);
+  queue.end(1);
+  const LiveFrames last = queue.take(100, 100, clock.now());
+  REQUIRE(last.frames.size() == 3);
+  CHECK(last.frames[0].images[1]->data[0] == 7);
+  CHECK(queue.take(1, 1, clock.now()).frames.empty());
+}
+
+TEST_CASE("jumps of a clock and full memory drop images, and are counted") {
+  LiveQueue queue(2, kFps, 12 * kBytes);
+  Clock clock;
+  film(queue, 0, 0, 3);
+  film(queue, 1, 0, 3);
+  CHECK(queue.start(1, clock.now()).size() == 2);
+  queue.push(1, 600, image(), 0.3);
+  queue.push(1, -600, image(), 0.3);
+  CHECK(queue.dropped().ahead == 1);
+  CHECK(queue.dropped().late == 1);
+  film(queue, 0, 3, 8);
+  film(queue, 1, 3, 8);
+  CHECK(queue.dropped().overflow == 4);
+  clock.seconds = 0.8;
+  // The frames after dropped ones keep their times.
+  CHECK(queue.take(6, 6, clock.now()).frames.size() == 6);
+  film(queue, 0, 10, 12);
+  film(queue, 1, 10, 12);
+  clock.seconds = 1.2;
+  const LiveFrames frames = queue.take(6, 6, clock.now());
+  CHECK(frames.first == 6);
+  REQUIRE(frames.frames.size() == 6);
+  CHECK(frames.frames[0].images[1] == nullptr);
+  CHECK(frames.frames[2].images[0] == nullptr);
+  CHECK(frames.frames[4].images[0]->data[0] == 10);
+}
+
+TEST_CASE("without cameras that film, a live capture does not start") {
+  LiveQueue queue(2, kFps, 1 << 20);
+  Clock clock;
+  film(queue, 0, 0, 3);
+  queue.end_all();
+  CHECK(queue.start(1, clock.now()).empty());
+}
+
+TEST_CASE("the work per window follows from its time") {
+  LiveController controller(30, 1.5, 900);
+  CHECK(controller.window() == 15);
+  CHECK(controller.frames(3) == 15);
+  CHECK(controller.frames(40) == 40);
+  CHECK(controller.frames(1000) == 60);
+  // A machine that needs 0.1 s, and 0.07 s per frame with points; 0.15 s, and 1 ms per iteration.
+  controller.first_trained(3000, 3);
+  for (int i = 0; i < 100; ++i) {
+    const int interval = controller.point_interval(15, 0), steps = controller.iterations(15, 0);
+    controller.prepared(15, interval, 0.1 + 0.07 * (15 / interval));
+    controller.trained(steps, 0.15 + 0.001 * steps);
+  }
+  // 85 % of the 0.5 s that a window lasts.
+  CHECK(controller.point_interval(15, 0) >= 3);
+  CHECK(controller.point_interval(15, 0) <= 4);
+  CHECK(controller.iterations(15, 0) == Approx(275).margin(10));
+  // More frames have more time, up to the work of the preset.
+  CHECK(controller.iterations(22, 0) > 400);
+  CHECK(LiveController(30, 1.5, 200).iterations(22, 0) == 200);
+  // With a backlog, or a long window that results from one, less than in the time of the window.
+  CHECK(controller.iterations(22, 30) < 100);
+  CHECK(controller.iterations(60, 0) < 450);
+  CHECK(controller.point_interval(22, 30) > controller.point_interval(22, 0));
+  // A machine that is too slow does the least.
+  for (int i = 0; i < 40; ++i) {
+    controller.prepared(15, 15, 5);
+    controller.trained(60, 60);
+  }
+  CHECK(controller.point_interval(15, 0) == 15);
+  CHECK(controller.iterations(15, 0) == 60);
+}
