@@ -106,7 +106,7 @@ Status run(int argc, char** argv) {
   std::filesystem::create_directory(work);
   STGS_ASSIGN(const auto live, LiveEncoder::open(*preparer, work, settings, print, log));
   const double begin = now(), fps = preparer->fps();
-  for (int n = 0; n < seconds * fps && !live->failed(); ++n) {
+  for (int n = 0; n < seconds * fps && !live->ended(); ++n) {
     std::this_thread::sleep_for(std::chrono::duration<double>(begin + n / fps - now()));
     const auto f = static_cast<std::size_t>(played(n, capture.frames));
     for (std::size_t c = 0; c < frames.size(); ++c) {

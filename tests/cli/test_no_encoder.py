@@ -16,7 +16,7 @@ class NoEncoder(unittest.TestCase):
         return subprocess.run([PROGRAM, *arguments], capture_output=True, text=True, check=False)
 
     def test_encoder_verbs_exit_with_code_6(self):
-        for verb in "prepare", "train", "pack", "encode":
+        for verb in "prepare", "train", "pack", "encode", "live":
             for arguments in [], ["capture", "-o", "scene.stgs", "--preset", "fast"]:
                 with self.subTest(verb=verb, arguments=arguments):
                     done = self.run_verb(verb, *arguments)

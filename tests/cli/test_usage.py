@@ -136,10 +136,10 @@ class Help(CliTest):
         training = {"train", "encode"}
         expected = {
             "--progress": rendering | training | {"prepare", "pack"},
-            "--log-level": training | {"prepare", "render", "pack", "convert", "finalize", "play", "serve", "web"},
-            "--backend": rendering | training | {"prepare"},
-            "--threads": rendering | training | {"prepare", "pack", "validate", "convert", "play"},
-            "--seed": training | {"prepare", "bench"},
+            "--log-level": training | {"live", "prepare", "render", "pack", "convert", "finalize", "play", "serve", "web"},
+            "--backend": rendering | training | {"live", "prepare"},
+            "--threads": rendering | training | {"live", "prepare", "pack", "validate", "convert", "play"},
+            "--seed": training | {"live", "prepare", "bench"},
             "--timeout": rendering | {"info", "validate", "play", "web"},
             "--allow-private": rendering | {"info", "validate", "play", "web"},
         }

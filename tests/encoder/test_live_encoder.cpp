@@ -34,6 +34,7 @@ class KnownPoints final : public LivePreparer {
   Result<Image8> convert(std::size_t, const LiveImage&) override {
     return runtime_error("not used");
   }
+  Status check_sources() const override { return {}; }
   Status read_source(std::size_t, const LiveFrameSink&, const std::function<bool()>&,
                      const LogSink&) override {
     return runtime_error("not used");
@@ -110,7 +111,7 @@ TEST_CASE("frames that are pushed become a file, which can be read while it grow
   for (int f = 0; f < 12; ++f)
     for (std::size_t c = 0; c < cameras; ++c) run.push(*live, c, f);
   // The first window is written once eight frames have arrived.
-  while (live->report().windows == 0 && !live->failed())
+  while (live->report().windows == 0 && !live->ended())
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
   {
     const auto growing = SceneReader::open(run.output);
@@ -160,11 +161,11 @@ TEST_CASE("a window without points or frames shows static content, and the next 
       run.push(*live, c, f);
     }
     if (f == 7) {
-      while (live->report().windows == 0 && !live->failed())
+      while (live->report().windows == 0 && !live->ended())
         std::this_thread::sleep_for(std::chrono::milliseconds(10));
     }
     if (f == 15) {
-      while (live->report().windows < 2 && !live->failed())
+      while (live->report().windows < 2 && !live->ended())
         std::this_thread::sleep_for(std::chrono::milliseconds(10));
     }
   }
@@ -203,13 +204,36 @@ TEST_CASE("a camera that delivers nothing is left out, and one alone is an error
   CHECK_FALSE(std::filesystem::exists(run.output));
 }
 
+TEST_CASE("errors of the settings and of the folder are found at the start") {
+  Run run;
+  LiveSettings settings;
+  settings.stream.train = test::short_run(10);
+  settings.stream.recording = run.output;
+  const auto code = [&] {
+    return LiveEncoder::open(run.preparer, run.folder, settings, nullptr, nullptr).status().code();
+  };
+  std::filesystem::create_directory(run.folder);
+  settings.stream.train.preset = "none";
+  CHECK(code() == StatusCode::kUsage);
+  settings.stream.train.preset = "fast";
+  settings.stream.train.target_kbps = 100;
+  CHECK(code() == StatusCode::kUsage);
+  settings.stream.train.target_kbps = 0;
+  std::ofstream(run.output) << "another recording";
+  CHECK(code() == StatusCode::kUsage);
+  CHECK(std::filesystem::file_size(run.output) > 0);
+  std::filesystem::remove(run.output);
+  std::ofstream(run.folder + "/file") << "x";
+  CHECK(code() == StatusCode::kUsage);
+}
+
 TEST_CASE("a live encoder that is destroyed leaves a recording") {
   Run run;
   {
     const auto live = run.open();
     for (int f = 0; f < 10; ++f)
       for (std::size_t c = 0; c < run.preparer.cameras().size(); ++c) run.push(*live, c, f);
-    while (live->report().windows == 0 && !live->failed())
+    while (live->report().windows == 0 && !live->ended())
       std::this_thread::sleep_for(std::chrono::milliseconds(10));
   }
   const auto growing = SceneReader::open(run.output);

@@ -2,6 +2,8 @@
 // The frames of live cameras in order, and the work per window that keeps up.
 #include "stream/live_queue.h"
 
+#include <cmath>
+
 #include "catch.h"
 #include "stream/live_controller.h"
 
@@ -59,15 +61,16 @@ TEST_CASE("cameras may start late, stall, repeat frames and drop out") {
   Clock clock;
   film(queue, 0, 0, 3);
   film(queue, 1, 0, 3);
-  // Camera 2 has delivered nothing until the deadline.
+  // Camera 2 delivers nothing: the latest frame of the others begins the capture.
   CHECK(queue.start(0.5, clock.now()) == std::vector<bool>{true, true, false});
+  CHECK(clock.seconds >= 0.5);
   film(queue, 2, 0, 3);
   film(queue, 0, 3, 10);
   queue.push(0, 0.9, image(99), 0.9);
   CHECK(queue.dropped().repeated == 1);
   // Camera 1 stalls: its frames are missing after the grace time.
   clock.seconds = 0.3;
-  CHECK(queue.take(3, 3, clock.now()).frames[2].images[1] != nullptr);
+  CHECK(queue.take(1, 1, clock.now()).frames[0].images[1]->data[0] == 2);
   CHECK(queue.ready(0.3) == 0);
   CHECK(queue.ready(0.9) == 7);
   const LiveFrames without = queue.take(4, 4, clock.now());
@@ -110,6 +113,60 @@ TEST_CASE("jumps of a clock and full memory drop images, and are counted") {
   CHECK(frames.frames[0].images[1] == nullptr);
   CHECK(frames.frames[2].images[0] == nullptr);
   CHECK(frames.frames[4].images[0]->data[0] == 10);
+}
+
+TEST_CASE("a camera with a wrong clock stops neither the others nor itself") {
+  LiveQueue queue(2, kFps, 1 << 20);
+  Clock clock;
+  film(queue, 0, 0, 3);
+  film(queue, 1, 0, 3);
+  CHECK(queue.start(1, clock.now()).size() == 2);
+  film(queue, 0, 3, 20);
+  film(queue, 1, 3, 20, 1e6);
+  for (const double seconds : {std::nan(""), HUGE_VAL, -HUGE_VAL, -1e300})
+    queue.push(1, seconds, image(), 1.9);
+  clock.seconds = 1.9;
+  const LiveFrames frames = queue.take(20, 20, clock.now());
+  REQUIRE(frames.frames.size() == 20);
+  CHECK(frames.frames[19].images[1] == nullptr);
+  CHECK(queue.dropped().ahead + queue.dropped().late == 21);
+  film(queue, 0, 20, 25);
+  film(queue, 1, 20, 25);
+  clock.seconds = 2.4;
+  CHECK(queue.take(5, 5, clock.now()).frames[4].images[1]->data[0] == 24);
+}
+
+TEST_CASE("a rig that pauses continues, after the time that has passed") {
+  LiveQueue queue(2, kFps, 1 << 20);
+  Clock clock;
+  for (const std::size_t c : {0, 1}) film(queue, c, 0, 3);
+  CHECK(queue.start(1, clock.now()).size() == 2);
+  for (const std::size_t c : {0, 1}) film(queue, c, 300, 303);  // half a minute later
+  clock.seconds = 30.3;
+  LiveFrames frames = queue.take(303, 1000, clock.now());
+  REQUIRE(frames.frames.size() == 303);
+  CHECK(frames.frames[299].images[0] == nullptr);
+  CHECK(frames.frames[302].images[1] != nullptr);
+  for (const std::size_t c : {0, 1}) film(queue, c, 100000, 100003);  // hours later
+  clock.seconds = 10000.3;
+  frames = queue.take(1, 1 << 20, clock.now());
+  CHECK(static_cast<double>(frames.frames.size()) == kFps * LiveQueue::kMaxPauseSeconds + 3);
+  CHECK(queue.dropped().total() == 0);
+}
+
+TEST_CASE("a window that the memory cannot hold is shorter") {
+  LiveQueue queue(2, kFps, 6 * kBytes);
+  Clock clock;
+  // Until the start, the memory holds the latest images.
+  film(queue, 0, 0, 20);
+  CHECK(queue.dropped().overflow == 0);
+  film(queue, 1, 19, 20);
+  CHECK(queue.start(5, clock.now()).size() == 2);
+  for (int f = 20; f < 24; ++f)
+    for (const std::size_t c : {0, 1}) film(queue, c, f, f + 1);
+  clock.seconds = 2.4;
+  CHECK(queue.dropped().overflow > 0);
+  CHECK(queue.take(8, 8, clock.now()).frames.size() >= 2);
 }
 
 TEST_CASE("without cameras that film, a live capture does not start") {

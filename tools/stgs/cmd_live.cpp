@@ -146,6 +146,7 @@ class Live final : public Command {
     prepare_.seed = session.options.seed;
     prepare_.backend = session.options.backend;
     STGS_ASSIGN(const auto preparer, open_live(rig_, prepare_, fps_, session));
+    STGS_TRY(preparer->check_sources());
     WorkFolder folder;
     STGS_TRY(folder.create(output_));
     const std::string work = folder.path() + "/live";
@@ -157,7 +158,7 @@ class Live final : public Command {
     {
       Sources sources(*preparer, *live, session);
       const double begin = now_seconds();
-      while (!sources.ended() && !interrupted() && !live->failed() &&
+      while (!sources.ended() && !interrupted() && !live->ended() &&
              (duration_ == 0 || now_seconds() - begin < duration_))
         std::this_thread::sleep_for(kPoll);
     }

@@ -68,6 +68,13 @@ void plan_undistortion(const SourceCamera& source, CameraPlan& plan) {
   plan.to = opencv_matrix(source, plan.zoom);
 }
 
+// Returns where the frames of a camera come from, for messages.
+std::string frames_of(const SourceCamera& camera) {
+  if (!camera.video.empty()) return camera.video;
+  if (!camera.images.empty()) return camera.images.front();
+  return camera.live_source.empty() ? "pushed frames" : camera.live_source;
+}
+
 // Returns the camera with its intrinsics scaled to the size of the frames.
 Result<SourceCamera> scaled_to_frames(SourceCamera camera, const FrameInfo& info) {
   if (camera.width == 0 && camera.height == 0) {
@@ -80,8 +87,7 @@ Result<SourceCamera> scaled_to_frames(SourceCamera camera, const FrameInfo& info
     return invalid_file(
         "{}: frames of camera '{}' do not match the aspect ratio of its calibration (expected "
         "{}x{}, got {}x{}); use frames that are not cropped or rotated",
-        camera.video.empty() ? camera.images.front() : camera.video, camera.name, camera.width,
-        camera.height, info.width, info.height);
+        frames_of(camera), camera.name, camera.width, camera.height, info.width, info.height);
   }
   camera.fx *= sx;
   camera.fy *= sy;

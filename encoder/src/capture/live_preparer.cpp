@@ -34,10 +34,10 @@ class Rig final : public LivePreparer {
       return invalid_file("{}: {} that is not held out (expected at least 2)", name_,
                           plural(source_.cameras.size(), "camera"));
     }
-    clock_.fps = fps > 0 ? fps : source_.fps;
-    if (!(clock_.fps >= 0.1 && clock_.fps <= 1000)) {
+    fps_ = fps > 0 ? fps : source_.fps;
+    if (!(fps_ >= 0.1 && fps_ <= 1000)) {
       return usage_error("{}: no usable frame rate (expected 0.1 to 1000 fps, got {}); set --fps",
-                         name_, clock_.fps);
+                         name_, fps_);
     }
     for (const SourceCamera& camera : source_.cameras) {
       const std::string& recorded =
@@ -49,7 +49,7 @@ class Rig final : public LivePreparer {
   }
 
   const std::vector<LiveCamera>& cameras() const override { return cameras_; }
-  double fps() const override { return clock_.fps; }
+  double fps() const override { return fps_; }
 
   Result<Image8> convert(std::size_t camera, const LiveImage& image) override {
     try {
@@ -61,7 +61,7 @@ class Rig final : public LivePreparer {
 
   Status read_source(std::size_t camera, const LiveFrameSink& sink,
                      const std::function<bool()>& stopped, const LogSink& log) override {
-    std::call_once(started_, [this] { clock_.start = LiveClock::Clock::now(); });
+    std::call_once(started_, [this] { clock_.start(fps_); });
     const auto convert_and_push = [&](double seconds, const cv::Mat& bgr) -> Status {
       STGS_ASSIGN(Image8 frame, convert(camera, {bgr.data, bgr.cols, bgr.rows, bgr.step[0], true}));
       sink(camera, seconds, std::move(frame));
@@ -69,17 +69,23 @@ class Rig final : public LivePreparer {
     };
     try {
       return read_live_source(*source_.files, source_.cameras[camera], clock_, convert_and_push,
-                              stopped, log);
+                              stopped, settings_.allow_outside, log);
     } catch (const std::exception& error) {
       return runtime_error("camera '{}': {}", cameras_[camera].name, error.what());
     }
+  }
+
+  Status check_sources() const override {
+    for (const SourceCamera& camera : source_.cameras)
+      STGS_TRY(check_live_source(*source_.files, camera, settings_.allow_outside));
+    return {};
   }
 
   Result<PreparedCapture> start(const std::vector<bool>& takes_part) override {
     PreparedCapture rig;
     rig.source = layout_name(source_.layout);
     rig.metric = source_.metric;
-    rig.time_base = frame_time_of(clock_.fps);
+    rig.time_base = frame_time_of(fps_);
     rig.memory_only = true;
     for (std::size_t i = 0; i < cameras_.size(); ++i) {
       if (!takes_part[i]) continue;
@@ -91,7 +97,7 @@ class Rig final : public LivePreparer {
                            plural(rig.cameras.size(), "camera"));
     }
     backgrounds_ = std::make_shared<init::LiveBackgrounds>(
-        std::max(1, static_cast<int>(kSettleSeconds * clock_.fps)));
+        std::max(1, static_cast<int>(kSettleSeconds * fps_)));
     return rig;
   }
 
@@ -149,7 +155,7 @@ class Rig final : public LivePreparer {
     std::unique_ptr<Mapped>& mapped = mapped_[camera];
     if (!mapped) {
       STGS_ASSIGN(CameraPlan plan,
-                  plan_camera(source_.cameras[camera], {image.width, image.height, 0, clock_.fps},
+                  plan_camera(source_.cameras[camera], {image.width, image.height, 0, fps_},
                               settings_.scale));
       mapped = std::make_unique<Mapped>(std::move(plan));
     }
@@ -179,6 +185,7 @@ class Rig final : public LivePreparer {
   SourceCapture source_;
   std::vector<LiveCamera> cameras_;
   std::vector<std::unique_ptr<Mapped>> mapped_;  // per camera; null: no frame yet
+  double fps_ = 0;
   LiveClock clock_;
   std::once_flag started_;
   std::shared_ptr<init::LiveBackgrounds> backgrounds_;

@@ -1,14 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "live_source.h"
 
+#include <fmt/ranges.h>
+
 #include <algorithm>
 #include <cmath>
+#include <deque>
 #include <filesystem>
 #include <optional>
 #include <thread>
 
 #include "capture_files.h"
 #include "frame_reader.h"
+#include "natural_order.h"
 #include "stgs/encoder/image_file.h"
 #include "video_decoder.h"
 
@@ -20,7 +24,8 @@ namespace fs = std::filesystem;
 constexpr double kPollSeconds = 0.005;   // for the next image
 constexpr double kStableSeconds = 0.02;  // for which the size of a complete image does not change
 constexpr double kListSeconds = 0.5;     // between two readings of a folder
-constexpr double kReopenSeconds = 1.0;   // between two attempts to open a stream
+constexpr std::size_t kMaxNumberDigits = 15;  // of the name of an image
+constexpr double kReopenSeconds = 1.0;        // between two attempts to open a stream
 constexpr int kLiveImageFlags = cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION;
 
 using Stopped = std::function<bool()>;
@@ -45,7 +50,21 @@ Status play_video(const CaptureFolder& files, const SourceCamera& camera, const 
   STGS_ASSIGN(const auto video, VideoReader::open(files, camera, 0));
   for (int frame = 0; frame < info.frames && !stopped(); ++frame) {
     STGS_ASSIGN(const cv::Mat image, video->next(info.width, info.height));
-    const double seconds = frame / clock.fps;
+    const double seconds = frame / clock.fps();
+    if (!wait_until(clock, seconds, stopped)) break;
+    STGS_TRY(sink(seconds, image));
+  }
+  return {};
+}
+
+// Plays the images of a recorded capture.
+Status play_images(const CaptureFolder& files, const SourceCamera& camera, const LiveClock& clock,
+                   const SourceFrameSink& sink, const Stopped& stopped) {
+  for (std::size_t frame = 0; frame < camera.images.size() && !stopped(); ++frame) {
+    const std::string what = fmt::format("camera '{}' frame {}", camera.name, frame);
+    STGS_ASSIGN(const cv::Mat image,
+                decode_file(files, camera.images[frame], what, kLiveImageFlags));
+    const double seconds = static_cast<double>(frame) / clock.fps();
     if (!wait_until(clock, seconds, stopped)) break;
     STGS_TRY(sink(seconds, image));
   }
@@ -59,11 +78,10 @@ struct NumberedName {
   std::int64_t number = 0;
 
   static std::optional<NumberedName> parse(const std::string& path) {
-    constexpr std::size_t kMost = 15;
     const fs::path file(path);
     const std::string stem = file.stem().string();
     std::size_t begin = stem.size();
-    while (begin > 0 && stem.size() - begin < kMost && stem[begin - 1] >= '0' &&
+    while (begin > 0 && stem.size() - begin < kMaxNumberDigits && stem[begin - 1] >= '0' &&
            stem[begin - 1] <= '9')
       --begin;
     if (begin == stem.size()) return std::nullopt;
@@ -76,50 +94,69 @@ struct NumberedName {
   }
 };
 
-// The images of a folder in their order, while further ones are written.
+// The images that are written into a folder after the start, in their order.
 class GrowingFolder {
  public:
-  GrowingFolder(std::string folder, const LiveClock& clock)
-      : folder_(std::move(folder)), clock_(clock) {}
+  GrowingFolder(std::string folder, bool allow_outside, const LiveClock& clock)
+      : folder_(std::move(folder)), allow_outside_(allow_outside), clock_(clock) {}
 
   struct Image {
     std::string path;
-    std::int64_t index = 0;  // its number, or its position
+    std::optional<std::int64_t> number;  // that its name ends in
   };
+
+  // Leaves out the images that exist.
+  Status open() {
+    STGS_ASSIGN(const std::vector<std::string> all, list());
+    if (!all.empty()) last_ = all.back();
+    return {};
+  }
 
   // Returns the next complete image, or none yet.
   Result<std::optional<Image>> next() {
-    if (pending_.empty()) STGS_TRY(look());
+    if (pending_.size() < 2) STGS_TRY(look());
     if (pending_.empty() || !is_complete(pending_.front())) return std::optional<Image>();
-    Image image{pending_.front(), position_++};
-    pending_.erase(pending_.begin());
-    last_ = NumberedName::parse(image.path);
-    last_path_ = image.path;
-    if (last_) image.index = last_->number;
-    return std::optional<Image>(image);
+    Image image{pending_.front(), {}};
+    pending_.pop_front();
+    if (const auto name = NumberedName::parse(image.path)) image.number = name->number;
+    return std::optional<Image>(std::move(image));
   }
 
  private:
-  // Looks for the image with the next number; now and then for all.
+  Result<std::vector<std::string>> list() const {
+    STGS_ASSIGN(const auto files, CaptureFolder::open(folder_, allow_outside_));
+    return list_images(*files, folder_);
+  }
+
+  // Looks for the image with the next number; now and then for all, because a number can be left
+  // out.
   Status look() {
     std::error_code ignored;
-    if (last_ && fs::exists(last_->next(), ignored)) {
-      pending_.push_back(last_->next());
-      return {};
+    if (const auto last = NumberedName::parse(last_)) {
+      const std::string next = last->next();
+      if (fs::exists(next, ignored)) {
+        add(next);
+        return {};
+      }
     }
     if (clock_.now() < listed_ + kListSeconds) return {};
     listed_ = clock_.now();
-    STGS_ASSIGN(const auto files, CaptureFolder::open(folder_, true));
-    STGS_ASSIGN(const std::vector<std::string> all, list_images(*files, folder_));
-    const auto begin = std::find(all.begin(), all.end(), last_path_);
-    pending_.assign(begin == all.end() ? all.begin() : begin + 1, all.end());
+    STGS_ASSIGN(const std::vector<std::string> all, list());
+    const auto begin = std::upper_bound(all.begin(), all.end(), last_, natural_less);
+    std::for_each(begin, all.end(), [this](const std::string& path) { add(path); });
     return {};
+  }
+
+  void add(const std::string& path) {
+    pending_.push_back(path);
+    last_ = path;
   }
 
   bool is_complete(const std::string& path) {
     if (pending_.size() > 1) return true;  // the next one has begun
     std::error_code error;
     const std::uintmax_t bytes = fs::file_size(path, error);
+    if (error) pending_.clear();  // it was removed
     if (error || bytes == 0) return false;
     const double now = clock_.now();
     if (path != observed_ || bytes != observed_bytes_) {
@@ -131,65 +168,82 @@ class GrowingFolder {
   }
 
   const std::string folder_;
+  const bool allow_outside_;
   const LiveClock& clock_;
-  std::vector<std::string> pending_;
-  std::string last_path_;
-  std::optional<NumberedName> last_;
-  std::int64_t position_ = 0;
-  double listed_ = -kListSeconds;
+  std::deque<std::string> pending_;
+  std::string last_;  // that was found
+  double listed_ = 0;
   std::string observed_;
   std::uintmax_t observed_bytes_ = 0;
   double observed_at_ = 0;
 };
 
-Status follow_images(const std::string& folder, const SourceCamera& camera, const LiveClock& clock,
-                     const SourceFrameSink& sink, const Stopped& stopped, const LogSink& log) {
-  STGS_ASSIGN(const auto files, CaptureFolder::open(folder, true));
-  GrowingFolder images(folder, clock);
-  double arrived = clock.now();
-  while (!stopped()) {
+Status follow_images(const std::string& folder, bool allow_outside, const SourceCamera& camera,
+                     LiveClock& clock, const SourceFrameSink& sink, const Stopped& stopped,
+                     const LogSink& log) {
+  STGS_ASSIGN(const auto files, CaptureFolder::open(folder, allow_outside));
+  GrowingFolder images(folder, allow_outside, clock);
+  STGS_TRY(images.open());
+  std::optional<double> arrived;  // the latest image
+  for (std::int64_t position = 0; !stopped();) {
     STGS_ASSIGN(const auto image, images.next());
     if (!image) {
-      if (clock.now() - arrived > kFolderSilence) break;
+      if (arrived && clock.now() - *arrived > kFolderSilence) break;
       sleep_seconds(kPollSeconds);
       continue;
     }
-    const std::string what = fmt::format("camera '{}' frame {}", camera.name, image->index);
+    const std::int64_t number = image->number.value_or(position++);
+    const double seconds = clock.of_number(number);
+    const std::string what = fmt::format("camera '{}' frame {}", camera.name, number);
     const Result<cv::Mat> decoded = decode_file(*files, image->path, what, kLiveImageFlags);
-    if (!decoded.ok()) {
-      log(1, "skipped: " + decoded.status().message());
-    } else {
-      const double seconds = static_cast<double>(image->index) / clock.fps;
-      if (!wait_until(clock, seconds, stopped)) break;
+    if (decoded.ok())
       STGS_TRY(sink(seconds, *decoded));
-    }
+    else
+      log(1, "left out: " + decoded.status().message());
     arrived = clock.now();
   }
+  if (!stopped())
+    log(2, fmt::format("camera '{}': no image for {:.0f} s; ended", camera.name, kFolderSilence));
   return {};
 }
+
+// The clock of a stream relative to that of the rig. A frame that arrives later than others,
+// relative to its timestamp, was delayed; so the offset is the smallest that was observed.
+class StreamClock {
+ public:
+  // Returns the time of a frame on the clock of the rig. `stated` may be NaN.
+  double seconds(double stated, double arrival) {
+    if (!std::isfinite(stated)) return arrival;
+    const double passed = stated - stated_;
+    // Back, or ahead of real time.
+    jumped_ = known_ && (passed < -kMaxDrift || passed > arrival - arrival_ + kMaxDrift);
+    offset_ = known_ && !jumped_ ? std::min(offset_, arrival - stated) : arrival - stated;
+    known_ = true;
+    stated_ = stated;
+    arrival_ = arrival;
+    return stated + offset_;
+  }
+  // Returns whether the clock of the stream has jumped at the last frame.
+  bool jumped() const { return jumped_; }
+
+ private:
+  bool known_ = false, jumped_ = false;
+  double offset_ = 0, stated_ = 0, arrival_ = 0;  // the latter two of the last frame
+};
 
 // Reads a stream until it breaks off. Sets `received` with its first frame.
 Status follow_stream(const std::string& url, const std::string& label, const LiveClock& clock,
                      const SourceFrameSink& sink, const Stopped& stopped, const LogSink& log,
                      bool& received) {
   STGS_ASSIGN(const auto decoder, VideoDecoder::open_stream(url, label, stopped));
-  double offset = 0;  // from the stream's clock to that of the rig
-  bool aligned = false;
+  StreamClock stream;
   while (!stopped()) {
     STGS_ASSIGN(const bool has_frame, decoder->advance());
     if (!has_frame) return {};
     STGS_ASSIGN(const cv::Mat image, decoder->image());
-    const double arrival = clock.now(), stated = decoder->seconds();
-    double seconds = std::isfinite(stated) ? stated + offset : arrival;
-    if (!aligned || std::abs(seconds - arrival) > kMaxDrift) {
-      if (aligned) {
-        log(1, fmt::format("{}: its time jumps by {:.2f} s; aligned again by its arrival", label,
-                           arrival - seconds));
-      }
-      aligned = true;
-      if (std::isfinite(stated)) offset = arrival - stated;
-      seconds = arrival;
-    }
+    const double seconds = stream.seconds(decoder->seconds(), clock.now());
+    if (stream.jumped())
+      log(1, fmt::format("{}: the time of its stream jumps; aligned again by its arrival", label));
     received = true;
     STGS_TRY(sink(seconds, image));
   }
@@ -211,7 +265,10 @@ Status read_stream(const std::string& url, bool is_pipe, const SourceCamera& cam
     const Status read = follow_stream(url, label, clock, checked, stopped, log, received);
     if (stopped()) break;
     if (!status.ok()) return status;
-    if (is_pipe) return received ? Status() : read;
+    if (is_pipe) {
+      log(2, fmt::format("{}: the pipe has ended", label));
+      return read;
+    }
     if (received || !reported) {
       log(1, fmt::format("{}: the stream has {}{}; opening it again every second", label,
                          received ? "broken off" : "not been received",
@@ -223,35 +280,81 @@ Status read_stream(const std::string& url, bool is_pipe, const SourceCamera& cam
   return {};
 }
 
-}  // namespace
+enum class SourceKind { kRecorded, kVideo, kFolder, kPipe, kStream };
 
-Status read_live_source(const CaptureFolder& files, const SourceCamera& camera,
-                        const LiveClock& clock, const SourceFrameSink& sink,
-                        const std::function<bool()>& stopped, const LogSink& log) {
-  if (camera.live_source.empty()) {
-    if (!camera.video.empty()) return play_video(files, camera, clock, sink, stopped);
-    return follow_images(fs::path(camera.images.at(0)).parent_path().string(), camera, clock, sink,
-                         stopped, log);
+// Returns the kind of a source, and its path.
+Result<std::pair<SourceKind, std::string>> kind_of(const CaptureFolder& files,
+                                                   const SourceCamera& camera, bool allow_outside) {
+  const std::string& source = camera.live_source;
+  const std::string where = fmt::format("{}: source of camera '{}'", files.path(), camera.name);
+  if (source.empty()) {
+    if (!camera.video.empty()) return std::pair(SourceKind::kVideo, camera.video);
+    if (!camera.images.empty()) return std::pair(SourceKind::kRecorded, std::string());
+    return usage_error("{}: there is none; add \"source\" to the camera", where);
   }
-  if (camera.live_source.find("://") != std::string::npos)
-    return read_stream(camera.live_source, false, camera, clock, sink, stopped, log);
-  const fs::path path = fs::path(files.path()) / camera.live_source;
+  if (const std::size_t scheme = source.find("://"); scheme != std::string::npos) {
+    if (std::find(kStreamSchemes.begin(), kStreamSchemes.end(), source.substr(0, scheme)) ==
+        kStreamSchemes.end()) {
+      return usage_error("{}: '{}' has an unknown scheme (expected {})", where, source,
+                         fmt::join(kStreamSchemes, ", "));
+    }
+    return std::pair(SourceKind::kStream, source);
+  }
+  std::string path = (fs::path(files.path()) / source).string();
+  if (!allow_outside) {
+    STGS_ASSIGN(path, files.path_of(source, where));
+  }
   std::error_code error;
   const fs::file_status found = fs::status(path, error);
-  if (fs::is_directory(found))
-    return follow_images(path.string(), camera, clock, sink, stopped, log);
-  if (fs::is_fifo(found))
-    return read_stream(path.string(), true, camera, clock, sink, stopped, log);
-  if (fs::is_regular_file(found)) {
-    SourceCamera video = camera;
-    STGS_ASSIGN(video.video, files.path_of(camera.live_source, "source of camera " + camera.name));
-    return play_video(files, video, clock, sink, stopped);
+  if (!allow_outside && files.kind(path) == CaptureFolder::Kind::kOutside) {
+    return invalid_file("{}: {} leads out of the folder; allow it with --allow-outside", where,
+                        path);
   }
-  return io_error(
-      "{}: source of camera '{}' not found (expected a video, a folder of images, a named pipe or "
-      "a "
-      "URL)",
-      path.string(), camera.name);
+  if (fs::is_directory(found)) return std::pair(SourceKind::kFolder, path);
+  if (fs::is_fifo(found)) return std::pair(SourceKind::kPipe, path);
+  if (fs::is_regular_file(found)) return std::pair(SourceKind::kVideo, path);
+  return io_error("{}: {}: not found (expected a video, a folder of images, a named pipe or a URL)",
+                  where, path);
+}
+
+}  // namespace
+
+void LiveClock::start(double fps) {
+  fps_ = fps;
+  start_ = Clock::now();
+}
+
+double LiveClock::of_number(std::int64_t number) {
+  const std::lock_guard lock(mutex_);
+  if (!first_) first_ = {number, now()};
+  return first_->second + static_cast<double>(number - first_->first) / fps_;
+}
+
+Status check_live_source(const CaptureFolder& files, const SourceCamera& camera,
+                         bool allow_outside) {
+  return kind_of(files, camera, allow_outside).status();
+}
+
+Status read_live_source(const CaptureFolder& files, const SourceCamera& camera, LiveClock& clock,
+                        const SourceFrameSink& sink, const std::function<bool()>& stopped,
+                        bool allow_outside, const LogSink& log) {
+  STGS_ASSIGN(const auto found, kind_of(files, camera, allow_outside));
+  const auto& [kind, path] = found;
+  switch (kind) {
+    case SourceKind::kRecorded:
+      return play_images(files, camera, clock, sink, stopped);
+    case SourceKind::kVideo: {
+      SourceCamera video = camera;
+      video.video = path;
+      return play_video(files, video, clock, sink, stopped);
+    }
+    case SourceKind::kFolder:
+      return follow_images(path, allow_outside, camera, clock, sink, stopped, log);
+    case SourceKind::kPipe:
+    case SourceKind::kStream:
+      return read_stream(path, kind == SourceKind::kPipe, camera, clock, sink, stopped, log);
+  }
+  return {};
 }
 
 }  // namespace stgs::encoder

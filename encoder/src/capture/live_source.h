@@ -3,22 +3,37 @@
 #pragma once
 
 #include <chrono>
+#include <cstdint>
 #include <functional>
+#include <mutex>
 #include <opencv2/core.hpp>
+#include <optional>
 #include <string>
+#include <utility>
 
 #include "source_capture.h"
 
 namespace stgs::encoder {
 
-// Common to all cameras of a rig.
-struct LiveClock {
+// Common to all cameras of a rig. Thread-safe.
+class LiveClock {
+ public:
   using Clock = std::chrono::steady_clock;
 
-  Clock::time_point start = Clock::now();
-  double fps = 30;
+  // Starts the clock; before, it shows 0.
+  void start(double fps);
+  double fps() const { return fps_; }
+  // Returns the seconds since the start.
+  double now() const { return std::chrono::duration<double>(Clock::now() - start_).count(); }
+  // Returns the time of the image with a number in a growing folder. The first call, of all
+  // folders, sets the number of the present time.
+  double of_number(std::int64_t number);
 
-  double now() const { return std::chrono::duration<double>(Clock::now() - start).count(); }
+ private:
+  Clock::time_point start_ = Clock::now();
+  double fps_ = 30;
+  std::mutex mutex_;
+  std::optional<std::pair<std::int64_t, double>> first_;  // number and its time
 };
 
 // Receives the time of a frame on the clock of the rig, seconds, and the frame, 8-bit BGR. An error
@@ -26,18 +41,24 @@ struct LiveClock {
 using SourceFrameSink = std::function<Status(double seconds, const cv::Mat& bgr)>;
 
 // Reads a camera until its source ends or `stopped` returns true:
-// - a video at the rate of the rig, frame n at n / fps;
-// - a folder of images that grows: the image with number n at n / fps, as soon as it is complete,
-//   but not earlier; without numbers they count from 0. An image that cannot be decoded is skipped.
-//   It ends after kFolderSilence seconds without a further image;
-// - a stream or a named pipe (`live_source`), by its own timestamps, which begin when its first
-// frame
-//   arrives. Where they differ from the arrival by more than kMaxDrift seconds, they begin again. A
-//   stream that breaks off is opened again every second; a pipe ends with its writer.
-// Errors: kIo and kInvalidFile for a source that cannot be read, and those of the sink.
-Status read_live_source(const CaptureFolder& files, const SourceCamera& camera,
-                        const LiveClock& clock, const SourceFrameSink& sink,
-                        const std::function<bool()>& stopped, const LogSink& log);
+// - a video, or the images of a recorded capture, at the rate of the rig: frame n at n / fps;
+// - a folder of images that grows (`live_source`): each image that appears after the start, as soon
+//   as it is complete, at the time that its number states relative to other images; without numbers
+//   they count from 0. An image that cannot be decoded is left out. The folder ends after
+//   kFolderSilence seconds without an image, once it has had one;
+// - a stream or a named pipe (`live_source`), by its own timestamps, aligned by the frames that
+//   arrive with the least delay. Where they jump by more than kMaxDrift seconds, they are aligned
+//   again. A stream that breaks off is opened again every second; a pipe ends with its writer.
+// Paths of `live_source` may leave the folder of the rig only with `allow_outside`. Logs the end of
+// a source. Errors: kIo and kInvalidFile for a source that cannot be read, and those of the sink.
+Status read_live_source(const CaptureFolder& files, const SourceCamera& camera, LiveClock& clock,
+                        const SourceFrameSink& sink, const std::function<bool()>& stopped,
+                        bool allow_outside, const LogSink& log);
+
+// Checks the source of a camera before it is read: its kind, its existence, and that it does not
+// leave the folder of the rig. kUsage for a URL of another scheme than kStreamSchemes.
+Status check_live_source(const CaptureFolder& files, const SourceCamera& camera,
+                         bool allow_outside);
 
 inline constexpr double kFolderSilence = 10;
 inline constexpr double kMaxDrift = 0.5;

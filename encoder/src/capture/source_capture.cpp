@@ -139,7 +139,9 @@ Status check_distinct(const SourceCapture& capture) {
   return frames.check(capture.folder);
 }
 
-Status check(SourceCapture& capture) {
+}  // namespace
+
+Status check_source(SourceCapture& capture, bool is_rig) {
   if (capture.cameras.empty()) return invalid_file("{}: no cameras found", capture.folder);
   STGS_TRY(check_camera_limit(capture.cameras.size(), capture.folder));
   std::set<std::string> names;
@@ -161,13 +163,15 @@ Status check(SourceCapture& capture) {
       return invalid_file("{}: two cameras are named '{}'; rename one", capture.folder,
                           camera.name);
     }
-    if (camera.video.empty() && camera.images.empty()) {
+    if (!is_rig && camera.video.empty() && camera.images.empty()) {
       return io_error("{}: no frames for camera '{}'", capture.folder, camera.name);
     }
     STGS_TRY(make_rigid(camera, capture.folder));
   }
-  return check_distinct(capture);
+  return is_rig ? Status() : check_distinct(capture);
 }
+
+namespace {
 
 bool has_camera(const SourceCapture& capture, const std::string& name) {
   return std::any_of(capture.cameras.begin(), capture.cameras.end(),
@@ -286,7 +290,7 @@ Result<SourceCapture> load_checked(const std::shared_ptr<const CaptureFolder>& f
   capture->layout = layout;
   capture->folder = folder;
   capture->files = files;
-  STGS_TRY(check(*capture));
+  STGS_TRY(check_source(*capture, false));
   STGS_TRY(attach_masks(*capture, log));
   STGS_TRY(attach_flow(*capture, log));
   const bool own_split = settings.default_test_cameras && settings.test_cameras.empty();

@@ -75,6 +75,9 @@ std::string_view layout_name(Layout layout);
 Result<SourceCapture> load_source(const std::string& folder, const PrepareSettings& settings,
                                   const ProgressSink& progress, const LogSink& log);
 
+// Checks the cameras of a capture, and corrects poses that are nearly rigid. The cameras of a rig
+// need no frames.
+Status check_source(SourceCapture& capture, bool is_rig);
 // kInvalidFile for a capture of one camera, which has no depth.
 Status check_camera_count(const std::string& folder, const std::vector<SourceCamera>& cameras);
 

@@ -7,12 +7,14 @@
 #include <utility>
 
 #include "frame_converter.h"
+#include "pipe_input.h"
 #include "stgs/encoder/image_file.h"
 
 extern "C" {
 #include <libavcodec/avcodec.h>
 #include <libavformat/avformat.h>
 #include <libavutil/display.h>
+#include <libavutil/mem.h>
 }
 
 namespace stgs::encoder {
@@ -30,9 +32,11 @@ constexpr const char* kStreamProtocols = "file,udp,rtp,rtsp,tcp,http,https,tls";
 constexpr const char* kStreamFormats =
     "mpegts,rtsp,rtp,matroska,webm,mov,mp4,mjpeg,mpjpeg,yuv4mpegpipe,h264,hevc";
 constexpr const char* kStreamCodecs =
-    "h264,hevc,av1,libdav1d,vp8,vp9,mpeg4,mpeg2video,mjpeg,rawvideo,wrapped_avframe,aac,mp3,ac3,"
+    "h264,hevc,av1,libdav1d,vp8,vp9,mpeg4,mpeg2video,mjpeg,rawvideo,aac,mp3,ac3,"
     "opus";
-constexpr const char* kAnalysedMicroseconds = "1000000";  // of a stream, to learn its format
+constexpr const char* kAnalysedMicroseconds = "300000";  // of a stream, to learn its format
+constexpr const char* kSilenceMicroseconds = "5000000";  // after which a connection is given up
+constexpr int kMaxDamaged = 250;                         // packets in a row that a stream may lose
 constexpr std::size_t kMaxPacketBytes = std::size_t{64} << 20;
 
 template <typename T, void (*kFree)(T**)>
@@ -99,7 +103,8 @@ class FfmpegDecoder final : public VideoDecoder {
 
   std::string label_;
   CheckStored check_;
-  std::function<bool()> stopped_;  // outlives format_, which calls it
+  std::function<bool()> stopped_;    // outlives format_, which calls it
+  std::unique_ptr<PipeInput> pipe_;  // outlives format_, which reads it; null: not a pipe
   Format format_;
   Codec codec_;
   Packet packet_;
@@ -111,7 +116,8 @@ class FfmpegDecoder final : public VideoDecoder {
   int frame_ = -1;              // number of the current one
   int width_ = 0, height_ = 0;  // of the first decoded frame
   bool ended_ = false;
-  Status error_;  // after the frames that are still in the decoder
+  int damaged_ = 0;  // packets in a row, of a stream
+  Status error_;     // after the frames that are still in the decoder
 };
 
 Status FfmpegDecoder::open(const std::string& name, std::function<bool()> stopped) {
@@ -136,7 +142,7 @@ Status FfmpegDecoder::open(const std::string& name, std::function<bool()> stoppe
 
 Status FfmpegDecoder::explained(const Status& status) const {
   const char* remedy = "";
-  if (status.code() == StatusCode::kInvalidFile)
+  if (status.code() == StatusCode::kInvalidFile && !stopped_)
     remedy = frame_ < 0 ? "; copy or encode the video again"
                         : "; copy or encode the video again, or select the frames before with "
                           "--frames";
@@ -169,10 +175,23 @@ Status FfmpegDecoder::open_stream_format(const std::string& url) {
   av_dict_set(&options, "protocol_whitelist", kStreamProtocols, 0);
   av_dict_set(&options, "format_whitelist", kStreamFormats, 0);
   av_dict_set(&options, "codec_whitelist", kStreamCodecs, 0);
-  av_dict_set(&options, "fflags", "nobuffer", 0);
   av_dict_set(&options, "analyzeduration", kAnalysedMicroseconds, 0);
   av_dict_set(&options, "rtsp_flags", "prefer_tcp", 0);
-  int error = avformat_open_input(&opened, url.c_str(), nullptr, &options);
+  if (url.find("://") == std::string::npos) {
+    Result<std::unique_ptr<PipeInput>> pipe = PipeInput::open(url, stopped_);
+    if (!pipe.ok()) {
+      avformat_free_context(opened);
+      av_dict_free(&options);
+      return pipe.status();
+    }
+    pipe_ = std::move(*pipe);
+    opened->pb = pipe_->context();
+  } else {
+    av_dict_set(&options, "rw_timeout", kSilenceMicroseconds, 0);
+    av_dict_set(&options, "overrun_nonfatal", "1", 0);
+    if (url.starts_with("rtsp:")) av_dict_set(&options, "timeout", kSilenceMicroseconds, 0);
+  }
+  int error = avformat_open_input(&opened, pipe_ ? nullptr : url.c_str(), nullptr, &options);
   av_dict_free(&options);
   if (error < 0) return ffmpeg_error(error);  // which has freed the context
   format_.reset(opened);
@@ -209,7 +228,10 @@ Status FfmpegDecoder::open_codec() {
   // The cameras of a rig are decoded in parallel. With threads for frames, too, memory would grow
   // with their product, and an error would be found at a frame that depends on their number.
   codec_->thread_count = 1;
-  if (stopped_) codec_->flags |= AV_CODEC_FLAG_LOW_DELAY;
+  if (stopped_) {
+    codec_->flags |= AV_CODEC_FLAG_LOW_DELAY;
+    codec_->codec_whitelist = av_strdup(kStreamCodecs);
+  }
   codec_->max_pixels = kMaxImagePixels;
   error = avcodec_open2(codec_.get(), codec, nullptr);
   return error < 0 ? ffmpeg_error(error) : Status();
@@ -232,9 +254,11 @@ void FfmpegDecoder::describe() {
 }
 
 Status FfmpegDecoder::send_packet() {
+  if (stopped_ && (packet_->flags & AV_PKT_FLAG_CORRUPT) != 0) return {};
   STGS_TRY(check_({packet_->data, static_cast<std::size_t>(packet_->size)}));
   if ((packet_->flags & AV_PKT_FLAG_CORRUPT) != 0) return invalid_file("cut short");
   const int error = avcodec_send_packet(codec_.get(), packet_.get());
+  if (error == AVERROR_INVALIDDATA && stopped_ && ++damaged_ < kMaxDamaged) return {};
   return error < 0 ? ffmpeg_error(error) : Status();
 }
 
@@ -265,6 +289,7 @@ Result<bool> FfmpegDecoder::advance() {
   while (true) {
     const int received = avcodec_receive_frame(codec_.get(), decoded_.get());
     if (received >= 0) break;
+    if (received == AVERROR_INVALIDDATA && stopped_ && ++damaged_ < kMaxDamaged) continue;
     if (received == AVERROR_EOF && error_.ok()) return false;
     if (!error_.ok()) return explained(error_);
     Status status = received == AVERROR(EAGAIN) ? send() : ffmpeg_error(received);
@@ -275,6 +300,7 @@ Result<bool> FfmpegDecoder::advance() {
     avcodec_send_packet(codec_.get(), nullptr);
   }
   ++frame_;
+  damaged_ = 0;
   if (frame_ == 0) {
     width_ = decoded_->width;
     height_ = decoded_->height;

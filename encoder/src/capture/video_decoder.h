@@ -2,12 +2,14 @@
 // Decodes the frames of a video file with FFmpeg.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <memory>
 #include <opencv2/core.hpp>
 #include <span>
 #include <string>
+#include <string_view>
 
 #include "stgs/format/status.h"
 
@@ -24,6 +26,9 @@ struct VideoTrack {
 // The first video track of an MP4, MOV, Matroska, WebM or AVI file. Reads from front to back, on
 // the calling thread. Errors: kNoMemory, kIo if the system fails, kUnsupported for features
 // that FFmpeg lacks, else kInvalidFile. Not thread-safe; separate decoders are independent.
+inline constexpr std::array<std::string_view, 6> kStreamSchemes = {"rtsp", "rtp",  "udp",
+                                                                   "tcp",  "http", "https"};
+
 class VideoDecoder {
  public:
   // Called with each stored frame before advance() decodes it. An error is a reason without path,
@@ -34,10 +39,11 @@ class VideoDecoder {
   // frames only if it needs them to learn the format of common codecs. `label` begins messages.
   static Result<std::unique_ptr<VideoDecoder>> open(const std::string& name,
                                                     const std::string& label, CheckStored check);
-  // Opens a stream that arrives now: a URL (rtsp, rtp, udp, tcp, http or https), or the path of a
-  // named pipe. Its format is one that carries video live: MPEG-TS, RTP, Matroska, fragmented MP4,
-  // Motion JPEG, YUV4MPEG, or plain H.264 or HEVC. While `stopped` returns true, calls end with
-  // kRuntime.
+  // Opens a stream that arrives now: a URL of kStreamSchemes, or the path of a named pipe. Its
+  // format is one that carries video live: MPEG-TS, RTP, Matroska, fragmented MP4, Motion JPEG,
+  // YUV4MPEG, or plain H.264 or HEVC. While `stopped` returns true, calls end with kRuntime.
+  // Damaged frames are left out. A connection without data for kStreamSilence seconds ends the
+  // stream.
   static Result<std::unique_ptr<VideoDecoder>> open_stream(const std::string& url,
                                                            const std::string& label,
                                                            std::function<bool()> stopped);

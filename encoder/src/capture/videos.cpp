@@ -177,6 +177,7 @@ Result<SourceCapture> load_rig(const std::shared_ptr<const CaptureFolder>& files
       camera.numbered = other.numbered;
     }
   }
+  STGS_TRY(check_source(rig, true));
   return rig;
 }
 

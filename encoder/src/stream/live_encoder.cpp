@@ -18,7 +18,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kKeep = 0.85;                   // of the primitives of a window
+// Static content of the first window is displayed up to here (stream_encoder.cpp).
+constexpr int kMaxFrames = 1'000'000;
+constexpr int kMaxFailures = 20;  // windows in a row that are not written, other than by the disk
+constexpr double kKeep = 0.85;    // of the primitives of a window
 constexpr double kQueueShare = 0.25;             // of the available memory
 constexpr std::size_t kMaxMilliseconds = 60000;  // the largest latency that is recorded
 
@@ -41,27 +44,28 @@ Result<std::unique_ptr<LiveEncoder>> LiveEncoder::open(LivePreparer& preparer,
                                                        const std::string& folder,
                                                        const LiveSettings& settings,
                                                        LiveWindowSink windows, LogSink log) {
-  std::unique_ptr<LiveEncoder> live(
-      new LiveEncoder(preparer, folder, settings, std::move(windows), std::move(log)));
-  live->settings_.stream.identity = "live\n";
-  live->settings_.stream.resumable = false;
-  live->settings_.stream.carries_moving = true;
-  TrainSettings& train = live->settings_.stream.train;
-  train.held_out_evaluations = 0;
-  live->keeps_chosen_ =
-      std::any_of(train.overrides.begin(), train.overrides.end(),
-                  [](const auto& entry) { return entry.first == "compact_keep"; });
-  STGS_ASSIGN(const TrainingChoice choice, choose_training(settings.stream.train));
-  STGS_ASSIGN(live->encoder_, StreamEncoder::open(folder, live->settings_.stream));
-  if (live->encoder_->frames() > 0) {
-    return usage_error("{}: holds another recording; name a new or empty folder", folder);
-  }
   std::uint64_t bytes = settings.queue_bytes;
   if (bytes == 0)
     bytes = static_cast<std::uint64_t>(kQueueShare * static_cast<double>(available_memory()));
+  if (settings.stream.train.target_kbps > 0 || settings.stream.train.target_size > 0 ||
+      settings.stream.train.target_psnr > 0)
+    return usage_error("live encoding has no targets of rate, size or PSNR");
+  STGS_ASSIGN(const TrainingChoice choice, choose_training(settings.stream.train));
+  std::unique_ptr<LiveEncoder> live(
+      new LiveEncoder(preparer, folder, settings, std::move(windows), std::move(log)));
   live->queue_ = std::make_unique<LiveQueue>(preparer.cameras().size(), preparer.fps(), bytes);
   live->controller_ = std::make_unique<LiveController>(preparer.fps(), settings.latency,
                                                        choice.parameters.iterations);
+  StreamSettings& stream = live->settings_.stream;
+  stream.identity = "live\n";
+  stream.resumable = false;
+  stream.carries_moving = true;
+  stream.train.held_out_evaluations = 0;
+  live->keeps_chosen_ =
+      choice.parameters.compact_share == 0 ||
+      std::any_of(stream.train.overrides.begin(), stream.train.overrides.end(),
+                  [](const auto& entry) { return entry.first == "compact_keep"; });
+  STGS_ASSIGN(live->encoder_, StreamEncoder::open(folder, stream));
   live->preparing_ = std::thread([encoder = live.get()] { encoder->prepare_windows(); });
   live->training_ = std::thread([encoder = live.get()] { encoder->train_windows(); });
   return live;
@@ -86,9 +90,9 @@ void LiveEncoder::end_camera(std::size_t camera) {
   queue_->end(camera);
 }
 
-bool LiveEncoder::failed() const {
+bool LiveEncoder::ended() const {
   const std::lock_guard lock(mutex_);
-  return !error_.ok();
+  return !error_.ok() || trained_all_;
 }
 
 void LiveEncoder::fail(const Status& status) {
@@ -116,7 +120,7 @@ void LiveEncoder::prepare_windows() {
 
 Status LiveEncoder::prepare_all() {
   const std::vector<bool> takes_part =
-      queue_->start(now() + settings_.start_seconds, [this] { return now(); });
+      queue_->start(settings_.start_seconds, [this] { return now(); });
   if (takes_part.empty()) {
     return runtime_error(
         "fewer than 2 cameras have delivered a frame; check the sources of the cameras");
@@ -126,8 +130,8 @@ Status LiveEncoder::prepare_all() {
       taking_part_.push_back(c);
       continue;
     }
-    log_(1, fmt::format("camera '{}' has delivered no frame for {:.0f} s; encoding without it",
-                        preparer_.cameras()[c].name, settings_.start_seconds));
+    log_(1, fmt::format("camera '{}' delivers no frames; encoding without it",
+                        preparer_.cameras()[c].name));
   }
   STGS_ASSIGN(rig_, preparer_.start(takes_part));
   {
@@ -157,13 +161,30 @@ PreparedCapture LiveEncoder::assemble(const LiveFrames& frames, LiveWindow& wind
   return capture;
 }
 
+void LiveEncoder::log_overflow() {
+  const std::uint64_t overflow = queue_->dropped().overflow;
+  if (overflow > overflow_) {
+    log_(1, fmt::format("too many frames wait; {} images dropped (use fewer or smaller images, "
+                        "--scale)",
+                        overflow - overflow_));
+  }
+  overflow_ = overflow;
+}
+
 // Returns whether there was a window.
 Result<bool> LiveEncoder::prepare_next(int index) {
   const auto clock = [this] { return now(); };
   const int least = controller_->window();
   const int most = index == 0 ? least : controller_->frames(queue_->ready(now()));
   const LiveFrames frames = queue_->take(least, most, clock);
+  log_overflow();
   if (frames.frames.empty()) return false;
+  if (frames.first + static_cast<int>(frames.frames.size()) > kMaxFrames) {
+    log_(1, fmt::format("the recording ends after frame {}, the last one that static content can "
+                        "be displayed in; start another one",
+                        frames.first));
+    return false;
+  }
   Prepared prepared;
   LiveWindow& window = prepared.window;
   window.first_frame = frames.first;
@@ -212,6 +233,8 @@ void LiveEncoder::train_windows() {
     status = runtime_error("training a live window failed: {}", error.what());
   }
   if (!status.ok()) fail(status);
+  const std::lock_guard lock(mutex_);
+  trained_all_ = true;
 }
 
 Status LiveEncoder::train_all() {
@@ -232,14 +255,19 @@ Status LiveEncoder::train(Prepared& prepared) {
   Status status = prepared.status;
   if (status.ok()) status = write(prepared);
   LiveWindow& window = prepared.window;
-  if (status.ok()) return {};
+  if (status.ok()) {
+    failures_ = 0;
+    return {};
+  }
   // Without the first window there is nothing to continue.
   if (!has_first_) return status;
   window.written = false;
   lost_ += window.frames;
   log_(1, fmt::format("frames {}:{} show static content alone: {}", window.first_frame,
                       window.first_frame + window.frames, status.message()));
-  return status.code() == StatusCode::kNoMemory ? status : Status();
+  const bool has_images = window.missing < taking_part_.size() * prepared.arrived.size();
+  failures_ += has_images && status.code() != StatusCode::kIo ? 1 : 0;
+  return failures_ >= kMaxFailures ? status : Status();
 }
 
 Status LiveEncoder::write(Prepared& prepared) {
@@ -271,7 +299,8 @@ Status LiveEncoder::write(Prepared& prepared) {
   window.loss = written.training.final_loss;
   window.step_seconds = written.training.seconds;
   window.train_seconds = end - begin;
-  window.latency = end - prepared.arrived.front();
+  for (const double arrived : prepared.arrived)
+    if (arrived > 0) window.latency = std::max(window.latency, end - arrived);
   window.waiting = queue_->ready(end);
   const std::lock_guard lock(mutex_);
   if (is_first)
@@ -279,6 +308,7 @@ Status LiveEncoder::write(Prepared& prepared) {
   else
     controller_->trained(window.iterations, window.train_seconds);
   for (const double arrived : prepared.arrived) {
+    if (arrived == 0) continue;  // no camera has delivered it
     const double milliseconds = std::clamp(1e3 * (end - arrived), 0.0, double(kMaxMilliseconds));
     ++latencies_[static_cast<std::size_t>(milliseconds)];
   }
@@ -331,12 +361,19 @@ LiveReport LiveEncoder::report() const {
 
 Status LiveEncoder::finish(const std::string& output) {
   queue_->end_all();
-  preparing_.join();
-  training_.join();
+  if (preparing_.joinable()) preparing_.join();
+  if (training_.joinable()) training_.join();
+  Status error;
   {
     const std::lock_guard lock(mutex_);
-    STGS_TRY(error_);
+    error = error_;
   }
+  if (!error.ok() && !has_first_) {  // a recording without content
+    encoder_.reset();
+    std::error_code ignored;
+    fs::remove(settings_.stream.recording, ignored);
+  }
+  STGS_TRY(error);
   STGS_TRY(recover());
   return encoder_->finish(output);
 }

@@ -10,47 +10,76 @@ namespace {
 
 constexpr auto kPoll = std::chrono::milliseconds(10);  // for the grace time, which nobody signals
 
-std::uint64_t bytes_of(const LiveFrame& frame) {
-  std::uint64_t sum = 0;
-  for (const auto& image : frame.images) sum += image ? image->data.size() : 0;
-  return sum;
-}
-
 }  // namespace
 
 LiveQueue::LiveQueue(std::size_t cameras, double fps, std::uint64_t max_bytes)
     : fps_(fps),
       grace_(std::max(kGraceSeconds, 2 / fps)),
+      max_images_(static_cast<std::size_t>(static_cast<double>(cameras) *
+                                           std::ceil(kMaxWaitingSeconds * fps))),
       max_bytes_(max_bytes),
       cameras_(cameras) {}
 
-std::int64_t LiveQueue::slot_of(double seconds) const {
-  return std::llround((seconds - *origin_) * fps_);
+std::int64_t LiveQueue::accept(std::size_t camera, double seconds, double now) {
+  if (std::isfinite(seconds) && !origin_) {
+    origin_ = seconds;
+    origin_now_ = now;
+  }
+  // In frames after slot 0. Also false for a time that is not a number.
+  const double exact = origin_ ? (seconds - *origin_) * fps_ : 0;
+  auto latest = static_cast<std::int64_t>((now - origin_now_) * fps_);
+  for (std::size_t c = 0; c < cameras_.size(); ++c)
+    if (c != camera) latest = std::max(latest, cameras_[c].latest);
+  if (!(exact <= static_cast<double>(latest) + kMaxAheadSeconds * fps_)) {
+    ++dropped_.ahead;
+    return -1;
+  }
+  if (exact < static_cast<double>(first_slot_) - 0.5) {
+    dropped_.late += started_ ? 1 : 0;
+    return -1;
+  }
+  std::int64_t slot = std::llround(exact);
+  const std::int64_t end = first_slot_ + static_cast<std::int64_t>(slots_.size());
+  const std::int64_t pause = slot - end - static_cast<std::int64_t>(kMaxPauseSeconds * fps_);
+  if (pause > 0) {
+    *origin_ += static_cast<double>(pause) / fps_;
+    origin_now_ += static_cast<double>(pause) / fps_;
+    slot -= pause;
+  }
+  return std::max(slot, first_slot_);
+}
+
+bool LiveQueue::fits(std::size_t bytes) const {
+  return images_ < max_images_ && bytes_ + bytes <= max_bytes_;
+}
+
+void LiveQueue::drop_first() {
+  for (const auto& image : slots_.front().images) {
+    if (!image) continue;
+    bytes_ -= image->data.size();
+    --images_;
+  }
+  slots_.pop_front();
+  ++first_slot_;
 }
 
 void LiveQueue::push(std::size_t camera, double seconds, std::shared_ptr<const Image8> image,
                      double now) {
   const std::lock_guard lock(mutex_);
+  if (camera >= cameras_.size()) return;
   CameraState& state = cameras_[camera];
   ++received_;
   if (!state.takes_part || state.ended) return;
-  if (!origin_) origin_ = seconds;
-  const std::int64_t slot = slot_of(seconds);
+  const std::int64_t slot = accept(camera, seconds, now);
+  if (slot < 0) return;
   state.arrived = now;
-  if (slot < first_slot_) {
-    dropped_.late += started_ ? 1 : 0;
-    return;
-  }
-  const auto ahead = static_cast<std::int64_t>(kMaxAheadSeconds * fps_);
-  std::int64_t others = first_slot_;
-  for (const CameraState& other : cameras_) others = std::max(others, other.latest);
-  if (slot > others + ahead) {
-    ++dropped_.ahead;
-    return;
-  }
-  if (bytes_ + image->data.size() > max_bytes_) {
+  state.latest = std::max(state.latest, slot);
+  const std::size_t bytes = image->data.size();
+  while (!started_ && !fits(bytes) && first_slot_ < slot && !slots_.empty()) drop_first();
+  if (!fits(bytes)) {
     ++dropped_.overflow;
-    state.latest = std::max(state.latest, slot);
+    is_full_ = true;
+    changed_.notify_all();
     return;
   }
   while (first_slot_ + static_cast<std::int64_t>(slots_.size()) <= slot) {
@@ -58,12 +87,12 @@ void LiveQueue::push(std::size_t camera, double seconds, std::shared_ptr<const I
     slots_.back().images.resize(cameras_.size());
   }
   LiveFrame& frame = slots_[static_cast<std::size_t>(slot - first_slot_)];
-  state.latest = std::max(state.latest, slot);
   if (frame.images[camera]) {
     ++dropped_.repeated;
     return;
   }
-  bytes_ += image->data.size();
+  bytes_ += bytes;
+  ++images_;
   frame.images[camera] = std::move(image);
   frame.arrived = now;
   changed_.notify_all();
@@ -86,24 +115,27 @@ bool LiveQueue::all_ended() const {
                      [](const CameraState& c) { return c.ended || !c.takes_part; });
 }
 
-std::vector<bool> LiveQueue::start(double deadline, const std::function<double()>& now) {
+std::vector<bool> LiveQueue::start(double wait, const std::function<double()>& now) {
   std::unique_lock lock(mutex_);
   while (true) {
-    const bool late = now() >= deadline || all_ended();
-    std::size_t best = 0, most = 0;
-    for (std::size_t s = 0; s < slots_.size() && most < cameras_.size(); ++s) {
+    const bool is_late = all_ended() || (origin_ && now() >= origin_now_ + wait);
+    const auto expected = std::count_if(cameras_.begin(), cameras_.end(), [](const CameraState& c) {
+      return !c.ended || c.latest >= 0;
+    });
+    std::ptrdiff_t largest = 1;
+    std::size_t best = slots_.size();
+    for (std::size_t s = 0; s < slots_.size(); ++s) {
       const auto present = std::count_if(slots_[s].images.begin(), slots_[s].images.end(),
                                          [](const auto& image) { return image != nullptr; });
-      if (static_cast<std::size_t>(present) > most)
-        best = s, most = static_cast<std::size_t>(present);
+      // The first one with all cameras; else the latest with most.
+      if (present < largest || (present == largest && present == expected)) continue;
+      if (present < 2) continue;
+      largest = present;
+      best = s;
     }
-    const bool is_full = most == cameras_.size();
-    if (is_full || (late && most >= 2)) {
-      for (std::size_t s = 0; s < best; ++s) {
-        bytes_ -= bytes_of(slots_.front());
-        slots_.pop_front();
-      }
-      first_slot_ += static_cast<std::int64_t>(best);
+    const bool is_full = best < slots_.size() && largest == expected;
+    if (is_full || (is_late && best < slots_.size())) {
+      for (std::size_t s = 0; s < best; ++s) drop_first();
       start_slot_ = first_slot_;
       started_ = true;
       std::vector<bool> out;
@@ -134,16 +166,19 @@ int LiveQueue::ready(double now) const {
 
 LiveFrames LiveQueue::take(int min, int max, const std::function<double()>& now) {
   std::unique_lock lock(mutex_);
-  while (complete(now()) < min && !all_ended()) changed_.wait_for(lock, kPoll);
+  const auto is_ready = [&] {
+    const int complete = this->complete(now());
+    return complete >= min || all_ended() || (is_full_ && complete > 0);
+  };
+  while (!is_ready()) changed_.wait_for(lock, kPoll);
+  is_full_ = false;
   LiveFrames out;
   out.first = static_cast<int>(first_slot_ - start_slot_);
   const int count = std::min(complete(now()), max);
   for (int i = 0; i < count; ++i) {
-    bytes_ -= bytes_of(slots_.front());
-    out.frames.push_back(std::move(slots_.front()));
-    slots_.pop_front();
+    out.frames.push_back(slots_.front());
+    drop_first();
   }
-  first_slot_ += count;
   out.waiting = complete(now());
   return out;
 }

@@ -104,6 +104,13 @@ Result<std::unique_ptr<StreamEncoder>> StreamEncoder::open(const std::string& fo
                                            training, settings.train.seed, settings.identity);
   const std::string identity_path = folder + "/identity.txt";
   std::error_code ignored;
+  if (!settings.resumable) {
+    if (!fs::is_empty(folder, ignored))
+      return usage_error("{}: contains other files; name a new or empty folder", folder);
+    if (fs::exists(encoder->recording_path(), ignored))
+      return usage_error("{}: exists; name another file", encoder->recording_path());
+    return encoder;
+  }
   if (!fs::exists(identity_path, ignored)) {
     if (!fs::is_empty(folder, ignored))
       return usage_error("{}: contains other files; name a new or empty folder", folder);
@@ -236,6 +243,7 @@ Status StreamEncoder::skip(int frames) {
   const int before = this->frames(), after = before + frames;
   if (settings_.resumable) STGS_TRY(set_.write(set_path(after)));
   STGS_TRY(recorder_->append(std::span<const FragmentPart>(), static_cast<std::uint32_t>(after)));
+  set_ = set_.without_moving();
   std::error_code ignored;
   fs::remove(set_path(before), ignored);
   return {};

@@ -2,6 +2,7 @@
 #include "stgs/encoder/persistent_set.h"
 
 #include "train/checkpoint.h"
+#include "train/persistence.h"
 
 namespace stgs::encoder {
 namespace {
@@ -29,6 +30,18 @@ Status PersistentSet::write(const std::string& path) const {
 
 std::size_t PersistentSet::size() const {
   return state_ ? state_->count_fixed() : 0;
+}
+
+PersistentSet PersistentSet::without_moving() const {
+  if (!state_ || !carries_moving_) return *this;
+  std::vector<std::uint32_t> kept;
+  for (std::size_t i = 0; i < state_->size(); ++i) {
+    if (state_->is_fixed(i) || state_->set.radius[i] >= kPersistentRadius)
+      kept.push_back(static_cast<std::uint32_t>(i));
+  }
+  TrainState state = *state_;
+  state.retain(kept);
+  return PersistentSet(std::make_shared<const TrainState>(std::move(state)), true);
 }
 
 }  // namespace stgs::encoder

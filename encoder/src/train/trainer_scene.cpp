@@ -18,8 +18,8 @@
 namespace stgs::encoder {
 namespace {
 
-// Views of a window whose importances are computed, per frame, and at least. A short window has few
-// changes to look at, and as many views as a complete run would take a third of its time.
+// Views for the importances of a live window: per frame, and at least. As many as for a complete
+// run would take a third of its time.
 constexpr int kWindowViews = 4, kMinWindowViews = 64;
 
 std::uint64_t peak_memory_bytes() {
@@ -44,9 +44,10 @@ Result<std::vector<float>> Trainer::importance() {
                                            : Progress{"train", run_progress(), -1, detail});
     return more || ranks_.size() > 1;  // ranks stop together, after a step
   };
-  const int count = persistent_ == nullptr ? kImportanceViews
-                                           : std::clamp(kWindowViews * capture_.frames,
-                                                        kMinWindowViews, kImportanceViews);
+  const bool is_live = persistent_ != nullptr && persistent_->carries_moving();
+  const int count =
+      is_live ? std::clamp(kWindowViews * capture_.frames, kMinWindowViews, kImportanceViews)
+              : kImportanceViews;
   const std::vector<ImportanceView> views =
       importance_views(with_refined_cameras(capture_, state_), count, parameters_.kernel);
   std::optional<std::vector<float>> importance =

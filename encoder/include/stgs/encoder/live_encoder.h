@@ -3,8 +3,8 @@
 //
 // Frames are collected to windows of a fraction of the target latency. One thread prepares a window
 // while another trains the one before (stream_encoder.h). The work per window follows from the time
-// it took so far. If it is too much even at its least, windows become longer, and finally frames
-// are dropped when the memory for waiting frames is full.
+// that it took so far. A machine that is too slow for the least work encodes longer windows, and
+// drops frames once too many wait.
 #pragma once
 
 #include <chrono>
@@ -28,11 +28,13 @@ class LiveQueue;
 struct LiveFrames;
 
 struct LiveSettings {
-  // `recording` is required; identity is ignored. The iterations of train are the most of a window.
+  // `recording` is required; identity is ignored. A window has at most the iterations of `train`,
+  // whose limits of size and rate must be 0.
   StreamSettings stream;
-  double latency = 1.5;           // target from filming a frame to its fragment, seconds
-  double first_seconds = 3;       // of training for the first window, whose static content stays
-  double start_seconds = 10;      // wait for all cameras; then it starts with those that deliver
+  double latency = 1.5;      // target from filming a frame to its fragment, seconds
+  double first_seconds = 3;  // of training for the first window, whose static content stays
+  // Wait for all cameras after the first image; then it starts with those that deliver.
+  double start_seconds = 10;
   std::uint64_t queue_bytes = 0;  // of frames that wait; 0: a quarter of the available memory
 };
 
@@ -55,7 +57,7 @@ struct LiveReport {
   int cameras = 0;                                                             // that take part
   std::uint64_t received = 0;                                                  // images
   std::uint64_t dropped = 0, late = 0, repeated = 0, ahead = 0, overflow = 0;  // of them
-  std::uint64_t missing = 0;  // images of cameras that take part, in written windows
+  std::uint64_t missing = 0;  // images of cameras that take part, not delivered in time
   int frames = 0, windows = 0, lost_frames = 0;  // lost: of windows that were not written
   std::uint64_t primitives = 0, persistent = 0, bytes = 0;
   double latency_median = 0, latency_p95 = 0, latency_max = 0;  // per frame, seconds
@@ -66,9 +68,10 @@ using LiveWindowSink = std::function<void(const LiveWindow&)>;
 
 class LiveEncoder {
  public:
-  // Starts two threads, which wait for frames. `folder` is a new or empty folder for the state of
-  // the run. The preparer must outlive the object and serves it alone, except for convert() and
-  // read_source(). Errors as StreamEncoder::open().
+  // Starts two threads, which wait for frames, and call `windows` and `log`. `folder` is a new or
+  // empty folder for the state of the run; the recording must not exist. The preparer must outlive
+  // the object and serves it alone, except for convert() and read_source(). Errors as
+  // StreamEncoder::open().
   static Result<std::unique_ptr<LiveEncoder>> open(LivePreparer& preparer,
                                                    const std::string& folder,
                                                    const LiveSettings& settings,
@@ -83,14 +86,14 @@ class LiveEncoder {
   void push(std::size_t camera, double seconds, Image8 frame);
   // The camera delivers no more.
   void end_camera(std::size_t camera);
-  // Returns whether an error has ended the encoding; finish() returns it.
-  bool failed() const;
+  // Returns whether encoding has ended, because all cameras have or by an error. Thread-safe.
+  bool ended() const;
   // Returns the totals so far. Thread-safe.
   LiveReport report() const;
 
   // Ends all cameras, encodes the frames that wait and writes the finished file to `output`, which
   // may be the recording. Returns the error that ended the encoding, if any: then the recording
-  // remains as it is.
+  // remains as it is. Nothing may be pushed afterwards.
   Status finish(const std::string& output);
 
  private:
@@ -108,6 +111,7 @@ class LiveEncoder {
   void prepare_windows();
   Status prepare_all();
   Result<bool> prepare_next(int index);
+  void log_overflow();
   PreparedCapture assemble(const LiveFrames& frames, LiveWindow& window) const;
   void train_windows();
   Status train_all();
@@ -131,12 +135,14 @@ class LiveEncoder {
   std::vector<std::size_t> taking_part_;  // cameras of rig_, as indices of the preparer
   int lost_ = 0;                          // frames that the file does not cover yet
   bool has_first_ = false;                // the first window is written
-  bool keeps_chosen_ = false;             // the settings state compact_keep
+  bool keeps_chosen_ = false;             // the settings state how many primitives remain
+  int failures_ = 0;                      // windows in a row that were not written
+  std::uint64_t overflow_ = 0;            // that was logged
 
   mutable std::mutex mutex_;  // of everything below
   std::condition_variable handed_;
   std::optional<Prepared> next_;
-  bool prepared_all_ = false, stopped_ = false;
+  bool prepared_all_ = false, trained_all_ = false, stopped_ = false;
   Status error_;
   LiveReport report_;
   std::vector<std::uint32_t> latencies_;  // frames, by milliseconds

@@ -31,16 +31,17 @@ struct LiveImage {
   bool bgr = false;           // the order of the channels; false: RGB
 };
 
-// Receives the frames of a source: seconds of its clock, in ascending order unless the source
+// Receives the frames of a source: seconds on the clock of the rig, which ascend unless the source
 // jumps, and the prepared frame. Called on the thread of the source.
 using LiveFrameSink = std::function<void(std::size_t camera, double seconds, Image8 frame)>;
 
 class LivePreparer {
  public:
-  // Reads the calibration: the file cameras.json (layout "videos"), or a folder with this file, in
-  // which a camera may have a "source". Held-out cameras are left out. `settings`: scale, numbers
-  // of points, seed, backend and trust_calibration are used. `fps`: frames per second of the rig;
-  // 0: the value of the file, which then must have one.
+  // Reads the calibration: a file in the format of cameras.json (layout "videos"), in which a
+  // camera may have a "source", or a folder with this file. Another folder is a recorded capture,
+  // which plays as if it was filmed. Held-out cameras are left out. Of the settings, it uses scale,
+  // the numbers of points, seed, backend, trust_calibration and allow_outside. `fps`: frames per
+  // second of the rig; 0: the value of the file, which then must have one.
   static Result<std::unique_ptr<LivePreparer>> open(const std::string& rig,
                                                     const PrepareSettings& settings, double fps,
                                                     const LogSink& log);
@@ -52,6 +53,9 @@ class LivePreparer {
   // Undistorts and scales a frame. All frames of a camera have one size, else kUsage. Thread-safe
   // for different cameras.
   virtual Result<Image8> convert(std::size_t camera, const LiveImage& image) = 0;
+  // Finds errors of read_source() before any camera is read: a camera without a source, a missing
+  // file, a path that leaves the folder of the rig without settings.allow_outside.
+  virtual Status check_sources() const = 0;
   // Reads the source of a camera until it ends or `stopped` returns true, and waits for its frames:
   // those of a video come at their own pace. kIo or kInvalidFile for a source that cannot be read;
   // streams that break off are opened again. Thread-safe for different cameras.

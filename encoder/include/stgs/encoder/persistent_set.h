@@ -36,6 +36,8 @@ class PersistentSet {
   // Returns null before the first window.
   const TrainState* state() const { return state_.get(); }
   bool carries_moving() const { return carries_moving_; }
+  // Returns the set without the moving content that it carries.
+  PersistentSet without_moving() const;
   // Returns the number of stored primitives.
   std::size_t size() const;
 

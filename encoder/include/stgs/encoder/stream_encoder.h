@@ -77,8 +77,8 @@ class StreamEncoder {
   // with the previous window; after kIo it must be reopened.
   Result<StreamWindow> encode(const PreparedCapture& window, const ProgressSink& progress,
                               const LogSink& log, const WindowWork& work = {});
-  // Extends the recording by frames with persistent content alone, of a time that nothing is known
-  // of. kUsage before the first window; otherwise as encode().
+  // Extends the recording by frames with persistent content alone, for which there are no images.
+  // kUsage before the first window; otherwise as encode().
   Status skip(int frames);
   // Continues after the last complete window of the recording, which an error has ended. kUsage
   // before the first window.
