@@ -29,6 +29,7 @@ SHORTENED = {
     "train": ["--iterations", "20"],
     "play": ["--screenshot", "window.png", "--size", "320x180"],
     "encode": ["--scale", "0.15", "--frames", "0:3", "--iterations", "20"],
+    "live": ["--scale", "0.15", "--max-primitives", "1500"],
 }
 
 
