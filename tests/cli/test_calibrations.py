@@ -125,7 +125,7 @@ class Calibrations(CliTest):
                 self.fails(INVALID, message, "prepare", name, "-o", "out", "--frames", "0:2", "--no-split")
                 self.assertFalse(os.path.exists(self.path("out")))
                 trusted = self.succeeds("prepare", name, "-o", name + " out", "--frames", "0:1", "--no-split",
-                                        "--max-static-points", "500", "--trust-calibration")
+                                        "--scale", "0.5", "--max-static-points", "500", "--trust-calibration")
                 self.assertIn(b"warning: calibration: " + name.encode(), trusted.stderr)
 
     @unittest.skipIf(built_in("calibration"), "this build reads all forms")

@@ -22,7 +22,7 @@ NO_MEMORY = 8  # of StatusCode, which record_fragments returns
 # descriptor.
 CRASH = -11
 ALLOWED = (OK, IO, RUNTIME, UNSUPPORTED)
-SAMPLE = {"malloc": 24, "open": 12, "mmap": 6}  # calls that fail without --all; otherwise 10
+SAMPLE = {"malloc": 12, "open": 8, "mmap": 4}  # calls that fail without --all; otherwise 6
 SECONDS = 120
 DATA = os.path.join(os.path.dirname(os.path.abspath(__file__)), os.pardir, "data")
 
@@ -192,7 +192,7 @@ class Runner:
         for call in CALLS:
             count = counts[call]
             exhaustive = self.options.all and not scenario.sampled
-            wanted = count if exhaustive else min(count, SAMPLE.get(call, 10))
+            wanted = count if exhaustive else min(count, SAMPLE.get(call, 6))
             for k in range(wanted):
                 n = 1 + k * count // wanted
                 self.start(scenario, f"{call}:{n}", expected)

@@ -89,6 +89,7 @@ class Rig final : public LivePreparer {
     rig.memory_only = true;
     for (std::size_t i = 0; i < cameras_.size(); ++i) {
       if (!takes_part[i]) continue;
+      if (!mapped_[i]) return usage_error("camera '{}': no frame was converted", cameras_[i].name);
       STGS_TRY(check_camera(mapped_[i]->plan.camera, name_));
       rig.cameras.push_back(mapped_[i]->plan.camera);
     }

@@ -47,7 +47,7 @@ struct LiveWindow {
   double loss = 0;                                          // of training
   double prepare_seconds = 0, train_seconds = 0;            // with writing
   double step_seconds = 0;                                  // of the iterations, in train_seconds
-  double latency = 0;   // of its first frame, from the arrival of its last image, seconds
+  double latency = 0;   // of the frame that waited longest since its last image arrived, seconds
   int waiting = 0;      // frames that wait
   bool written = true;  // false: the disk or the preparation failed; it shows static content alone
 };
