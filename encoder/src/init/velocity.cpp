@@ -7,10 +7,13 @@
 #include <memory>
 #include <nanoflann.hpp>
 
+#include "stgs/format/parallel.h"
+
 namespace stgs::encoder::init {
 namespace {
 
 constexpr int kMatchRounds = 6;
+constexpr std::size_t kPointsPerTask = 128;  // few frames of a live window occupy all threads
 constexpr int kMinForMedian = 3;
 constexpr std::size_t kWide = 25,
                       kNarrow = 9;  // neighbours that smooth, in all rounds and the last
@@ -74,29 +77,39 @@ class Smoother {
       : reach_(reach) {
     const Cloud cloud(points, 0.2 * reach / 255);
     const Tree tree(Cloud::kDimensions, cloud);
-    for (const auto& row : cloud.rows) neighbours_.push_back(nearest(tree, row, most));
+    neighbours_.resize(cloud.rows.size());
+    parallel_for(std::size_t{0}, cloud.rows.size(),
+                 [&](std::size_t i) { neighbours_[i] = nearest(tree, cloud.rows[i], most); });
   }
 
   // Replaces each velocity by the median of the known velocities of the `count` nearest points, or
   // by kUnknown if there are fewer than kMinForMedian.
   Velocities smoothed(const Velocities& raw, std::size_t count) const {
     Velocities out(raw.size(), kUnknown);
-    std::vector<double> parts[3];
-    for (std::size_t i = 0; i < raw.size(); ++i) {
-      const Neighbours& near = neighbours_[i];
-      for (auto& part : parts) part.clear();
-      for (std::size_t k = 0; k < std::min(count, near.index.size()); ++k) {
-        const cv::Vec3d& v = raw[near.index[k]];
-        if (near.squared[k] > reach_ * reach_ || !known(v)) continue;
-        for (int d = 0; d < 3; ++d) parts[d].push_back(v[d]);
-      }
-      if (int(parts[0].size()) < kMinForMedian) continue;
-      out[i] = {median(parts[0]), median(parts[1]), median(parts[2])};
-    }
+    parallel_blocks(std::size_t{0}, raw.size(), kPointsPerTask,
+                    [&](std::size_t begin, std::size_t end) {
+                      std::vector<double> parts[3];
+                      for (std::size_t i = begin; i < end; ++i)
+                        out[i] = smoothed_at(i, raw, count, parts);
+                    });
     return out;
   }
 
  private:
+  // `parts`: memory for the components.
+  cv::Vec3d smoothed_at(std::size_t i, const Velocities& raw, std::size_t count,
+                        std::vector<double> (&parts)[3]) const {
+    const Neighbours& near = neighbours_[i];
+    for (auto& part : parts) part.clear();
+    for (std::size_t k = 0; k < std::min(count, near.index.size()); ++k) {
+      const cv::Vec3d& v = raw[near.index[k]];
+      if (near.squared[k] > reach_ * reach_ || !known(v)) continue;
+      for (int d = 0; d < 3; ++d) parts[d].push_back(v[d]);
+    }
+    if (int(parts[0].size()) < kMinForMedian) return kUnknown;
+    return {median(parts[0]), median(parts[1]), median(parts[2])};
+  }
+
   double reach_;
   std::vector<Neighbours> neighbours_;  // nearest first
 };
@@ -171,7 +184,7 @@ Velocities match_velocities(const std::vector<SurfacePoint>& points,
   // from the position moved by the smoothed velocity.
   for (int round = 0; round < kMatchRounds; ++round) {
     Velocities raw(points.size(), kUnknown);
-    for (std::size_t i = 0; i < points.size(); ++i) {
+    parallel_for(std::size_t{0}, points.size(), [&](std::size_t i) {
       auto query = from.rows[i];
       for (int k = 0; k < 3 && known(steps[i]); ++k) query[k] += steps[i][k];
       // The mean of the nearest three reduces the effect of the sampling of the next frame.
@@ -184,7 +197,7 @@ Velocities match_velocities(const std::vector<SurfacePoint>& points,
         ++n;
       }
       if (n > 0) raw[i] = sum * (1.0 / n);
-    }
+    });
     steps = smoother.smoothed(raw, round + 1 < kMatchRounds ? kWide : kNarrow);
   }
   for (cv::Vec3d& step : steps) step *= sign;
