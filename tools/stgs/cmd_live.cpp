@@ -105,7 +105,8 @@ class Live final : public Command {
   void declare(Arguments& app) override {
     app.add_option("RIG", rig_, "Calibration of the rig (cameras.json), or a folder")->required();
     app.add_option("-o,--output", output_, "Output file (.stgs), which must not exist")->required();
-    app.add_option("--fps", fps_, "Frames per second (default: the value of the calibration)")
+    app.add_option("--fps", fps_,
+                   "Frames per second (default: the value of the calibration or of its videos)")
         ->check(number_between(0.1, 1000));
     app.add_option(
            "--latency", settings_.latency,

@@ -35,6 +35,10 @@ class Rig final : public LivePreparer {
                           plural(source_.cameras.size(), "camera"));
     }
     fps_ = fps > 0 ? fps : source_.fps;
+    if (fps_ == 0 && !source_.cameras.front().video.empty()) {
+      STGS_ASSIGN(const FrameInfo video, probe_frames(*source_.files, source_.cameras.front()));
+      fps_ = video.fps;
+    }
     if (!(fps_ >= 0.1 && fps_ <= 1000)) {
       return usage_error("{}: no usable frame rate (expected 0.1 to 1000 fps, got {}); set --fps",
                          name_, fps_);

@@ -41,7 +41,7 @@ class LivePreparer {
   // camera may have a "source", or a folder with this file. Another folder is a recorded capture,
   // which plays as if it was filmed. Held-out cameras are left out. Of the settings, it uses scale,
   // the numbers of points, seed, backend, trust_calibration and allow_outside. `fps`: frames per
-  // second of the rig; 0: the value of the file, which then must have one.
+  // second of the rig; 0: the value of the file, or that of its videos.
   static Result<std::unique_ptr<LivePreparer>> open(const std::string& rig,
                                                     const PrepareSettings& settings, double fps,
                                                     const LogSink& log);
