@@ -86,14 +86,14 @@ class Live final : public Command {
   Help help() const override {
     return {
         "live", "Encode a rig while it films",
-        "Reads the cameras of RIG as they film and writes a .stgs file that players can follow\n"
-        "while it grows. RIG is a file in the format of cameras.json, in which each camera may\n"
-        "have a \"source\": a folder into which images are written, a named pipe, a video, or a\n"
-        "URL (rtsp, rtp, udp, tcp, http). It can also be the folder of a recorded capture, which\n"
-        "plays at its own pace. The calibration is given.\n"
-        "Chooses the work per window by the time that it takes, so that it keeps up. Cameras may\n"
-        "stall and come back. Ends when all sources have ended, after --duration, or with Ctrl-C,\n"
-        "and then completes the file.",
+        "Reads the cameras of RIG and writes a .stgs file that players can follow while it grows.\n"
+        "RIG is a file in the format of cameras.json with a \"source\" for each camera: a folder\n"
+        "into which images are written, a named pipe, a video, or a URL (rtsp, rtp, udp, tcp,\n"
+        "http, https). RIG can also be the folder of a recorded capture, which is played at its\n"
+        "own rate. The cameras must be calibrated.\n"
+        "The work per window is chosen so that encoding keeps up. Cameras may stall and return.\n"
+        "Encoding ends when all sources have ended, after --duration, or with Ctrl-C, and then\n"
+        "completes the file.",
         "  stgs live rig/cameras.json -o live.stgs\n"
         "  stgs live capture/ -o live.stgs --fps 30 --duration 60 --log windows.jsonl"};
   }
@@ -117,7 +117,8 @@ class Live final : public Command {
     app.add_option("--duration", duration_, "End after this time (default: no limit), seconds")
         ->check(number_between(0.1, 1e7));
     app.add_option("--log", log_path_, "Write a line of JSON for each window to this file");
-    with_choices(app.add_option("--preset", preset_, "Most work per window: fast, default or best"),
+    with_choices(app.add_option("--preset", preset_,
+                                "Upper limit of the work per window: fast, default or best"),
                  {"fast", "default", "best"})
         ->capture_default_str();
     app.add_option("--max-primitives", max_primitives_,

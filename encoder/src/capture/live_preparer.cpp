@@ -9,7 +9,7 @@
 
 #include "camera_plan.h"
 #include "init/background.h"
-#include "init/init.h"
+#include "init_settings.h"
 #include "live_source.h"
 #include "plural.h"
 #include "serial_opencv.h"
@@ -108,13 +108,8 @@ class Rig final : public LivePreparer {
 
   Status prepare(PreparedCapture& window, int point_interval, const ProgressSink& progress,
                  const LogSink& log) override {
-    InitSettings init;
-    init.name = name_;
-    init.trust_calibration = settings_.trust_calibration;
-    init.max_dynamic_points = settings_.max_dynamic_points;
-    init.max_static_points = settings_.max_static_points;
-    init.seed = settings_.seed;
-    init.backend = settings_.backend;
+    InitSettings init = init_settings(name_, settings_);
+    init.separate_motion = true;
     init.use_colmap = false;
     init.write_report = false;
     init.live = backgrounds_;

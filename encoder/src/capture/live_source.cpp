@@ -199,7 +199,7 @@ Status follow_images(const std::string& folder, bool allow_outside, const Source
     if (decoded.ok())
       STGS_TRY(sink(seconds, *decoded));
     else
-      log(1, "left out: " + decoded.status().message());
+      log(1, "image skipped: " + decoded.status().message());
     arrived = clock.now();
   }
   if (!stopped())
@@ -215,7 +215,7 @@ class StreamClock {
   double seconds(double stated, double arrival) {
     if (!std::isfinite(stated)) return arrival;
     const double passed = stated - stated_;
-    // Back, or ahead of real time.
+    // The timestamp went back, or ran ahead of real time.
     jumped_ = known_ && (passed < -kMaxDrift || passed > arrival - arrival_ + kMaxDrift);
     offset_ = known_ && !jumped_ ? std::min(offset_, arrival - stated) : arrival - stated;
     known_ = true;
@@ -243,14 +243,15 @@ Status follow_stream(const std::string& url, const std::string& label, const Liv
     STGS_ASSIGN(const cv::Mat image, decoder->image());
     const double seconds = stream.seconds(decoder->seconds(), clock.now());
     if (stream.jumped())
-      log(1, fmt::format("{}: the time of its stream jumps; aligned again by its arrival", label));
+      log(1,
+          fmt::format("{}: the timestamps of its stream jumped; realigned by arrival time", label));
     received = true;
     STGS_TRY(sink(seconds, image));
   }
   return {};
 }
 
-// A stream is opened again until it is stopped, a pipe is not.
+// Opens a lost stream again until `stopped` returns true. A pipe is opened once.
 Status read_stream(const std::string& url, bool is_pipe, const SourceCamera& camera,
                    const LiveClock& clock, const SourceFrameSink& sink, const Stopped& stopped,
                    const LogSink& log) {
@@ -270,8 +271,8 @@ Status read_stream(const std::string& url, bool is_pipe, const SourceCamera& cam
       return read;
     }
     if (received || !reported) {
-      log(1, fmt::format("{}: the stream has {}{}; opening it again every second", label,
-                         received ? "broken off" : "not been received",
+      log(1, fmt::format("{}: stream {}{}; retrying every second", label,
+                         received ? "lost" : "not available",
                          read.ok() ? "" : " (" + read.message() + ")"));
     }
     reported = true;
@@ -286,16 +287,16 @@ enum class SourceKind { kRecorded, kVideo, kFolder, kPipe, kStream };
 Result<std::pair<SourceKind, std::string>> kind_of(const CaptureFolder& files,
                                                    const SourceCamera& camera, bool allow_outside) {
   const std::string& source = camera.live_source;
-  const std::string where = fmt::format("{}: source of camera '{}'", files.path(), camera.name);
+  const std::string where = fmt::format("{}: camera '{}'", files.path(), camera.name);
   if (source.empty()) {
     if (!camera.video.empty()) return std::pair(SourceKind::kVideo, camera.video);
     if (!camera.images.empty()) return std::pair(SourceKind::kRecorded, std::string());
-    return usage_error("{}: there is none; add \"source\" to the camera", where);
+    return usage_error("{}: no source; add \"source\" to the camera", where);
   }
   if (const std::size_t scheme = source.find("://"); scheme != std::string::npos) {
     if (std::find(kStreamSchemes.begin(), kStreamSchemes.end(), source.substr(0, scheme)) ==
         kStreamSchemes.end()) {
-      return usage_error("{}: '{}' has an unknown scheme (expected {})", where, source,
+      return usage_error("{}: source '{}' has an unknown scheme (expected {})", where, source,
                          fmt::join(kStreamSchemes, ", "));
     }
     return std::pair(SourceKind::kStream, source);

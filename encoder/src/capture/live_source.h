@@ -20,13 +20,13 @@ class LiveClock {
  public:
   using Clock = std::chrono::steady_clock;
 
-  // Starts the clock; before, it shows 0.
+  // Restarts the clock, which otherwise counts from its construction.
   void start(double fps);
   double fps() const { return fps_; }
   // Returns the seconds since the start.
   double now() const { return std::chrono::duration<double>(Clock::now() - start_).count(); }
-  // Returns the time of the image with a number in a growing folder. The first call, of all
-  // folders, sets the number of the present time.
+  // Returns the time of the image with this number in a growing folder. The first call, for any
+  // folder, defines that its image is of the present time.
   double of_number(std::int64_t number);
 
  private:
@@ -42,13 +42,14 @@ using SourceFrameSink = std::function<Status(double seconds, const cv::Mat& bgr)
 
 // Reads a camera until its source ends or `stopped` returns true:
 // - a video, or the images of a recorded capture, at the rate of the rig: frame n at n / fps;
-// - a folder of images that grows (`live_source`): each image that appears after the start, as soon
-//   as it is complete, at the time that its number states relative to other images; without numbers
-//   they count from 0. An image that cannot be decoded is left out. The folder ends after
-//   kFolderSilence seconds without an image, once it has had one;
+// - a growing folder of images (`live_source`): every image that appears after the start, once it
+// is
+//   complete. Its time follows from the number in its name, or from its position if the names have
+//   no numbers. An image that cannot be decoded is skipped. The source ends kFolderSilence seconds
+//   after its last image;
 // - a stream or a named pipe (`live_source`), by its own timestamps, aligned by the frames that
-//   arrive with the least delay. Where they jump by more than kMaxDrift seconds, they are aligned
-//   again. A stream that breaks off is opened again every second; a pipe ends with its writer.
+//   arrive with the least delay, and realigned after a jump of more than kMaxDrift seconds. A lost
+//   stream is opened again every second; a pipe ends with its writer.
 // Paths of `live_source` may leave the folder of the rig only with `allow_outside`. Logs the end of
 // a source. Errors: kIo and kInvalidFile for a source that cannot be read, and those of the sink.
 Status read_live_source(const CaptureFolder& files, const SourceCamera& camera, LiveClock& clock,

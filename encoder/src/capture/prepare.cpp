@@ -10,7 +10,7 @@
 
 #include "capture_files.h"
 #include "geometry/view_matcher.h"
-#include "init/init.h"
+#include "init_settings.h"
 #include "plural.h"
 #include "serial_opencv.h"
 #include "source_capture.h"
@@ -95,14 +95,7 @@ Status check_target(const std::string& capture, const std::string& folder, bool 
 
 InitSettings init_settings(const std::string& capture, const SourceCapture& source,
                            const PrepareSettings& settings) {
-  InitSettings init;
-  init.name = capture;
-  init.trust_calibration = settings.trust_calibration;
-  init.separate_motion = settings.separate_motion;
-  init.max_dynamic_points = settings.max_dynamic_points;
-  init.max_static_points = settings.max_static_points;
-  init.seed = settings.seed;
-  init.backend = settings.backend;
+  InitSettings init = init_settings(capture, settings);
   init.flow_folder = source.flow_folder;
   init.flow_files = source.files;
   init.points = source.points;

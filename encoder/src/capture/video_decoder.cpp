@@ -26,9 +26,8 @@ constexpr const char* kProbedCodecs =
     "h264,hevc,av1,libdav1d,libaom-av1,vp8,vp9,mpeg4,mpeg2video,prores,dnxhd,cfhd,ffv1,rawvideo,"
     "aac,mp3,ac3,opus,vorbis,pcm_s16le,pcm_s16be,pcm_s24le";
 
-// Streams are opened by these only. FFmpeg connects to the address that the user named, and a
-// server can name no file.
-constexpr const char* kStreamProtocols = "file,udp,rtp,rtsp,tcp,http,https,tls";
+// The protocols of streams: no file, so that a server cannot name one.
+constexpr const char* kStreamProtocols = "udp,rtp,rtsp,tcp,http,https,tls";
 constexpr const char* kStreamFormats =
     "mpegts,rtsp,rtp,matroska,webm,mov,mp4,mjpeg,mpjpeg,yuv4mpegpipe,h264,hevc";
 constexpr const char* kStreamCodecs =

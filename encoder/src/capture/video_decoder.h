@@ -39,11 +39,10 @@ class VideoDecoder {
   // frames only if it needs them to learn the format of common codecs. `label` begins messages.
   static Result<std::unique_ptr<VideoDecoder>> open(const std::string& name,
                                                     const std::string& label, CheckStored check);
-  // Opens a stream that arrives now: a URL of kStreamSchemes, or the path of a named pipe. Its
-  // format is one that carries video live: MPEG-TS, RTP, Matroska, fragmented MP4, Motion JPEG,
-  // YUV4MPEG, or plain H.264 or HEVC. While `stopped` returns true, calls end with kRuntime.
-  // Damaged frames are left out. A connection without data for kStreamSilence seconds ends the
-  // stream.
+  // Opens a live stream: a URL of kStreamSchemes, or the path of a named pipe. Formats: MPEG-TS,
+  // RTP, Matroska, fragmented MP4, Motion JPEG, YUV4MPEG, and plain H.264 or HEVC. Calls return
+  // kRuntime while `stopped` returns true. Damaged frames are skipped. A TCP connection without
+  // data for five seconds ends the stream.
   static Result<std::unique_ptr<VideoDecoder>> open_stream(const std::string& url,
                                                            const std::string& label,
                                                            std::function<bool()> stopped);

@@ -11,7 +11,7 @@ namespace stgs::encoder::init {
 namespace {
 
 constexpr int kBackgroundSamples = 25;
-// Part of the difference by which the background follows an image in which nothing moves.
+// Fraction of the difference to a static image by which the background adapts per window.
 constexpr double kAdaption = 0.125;
 
 // Returns the median of each channel over the samples whose mask is 0 (an empty mask is 0

@@ -36,18 +36,19 @@ cv::Mat clean_mask(const cv::Mat& weak, const cv::Mat& strong);
 // Returns the fraction of the pixels that are masked.
 float share_of(const cv::Mat& mask);
 
-// Adds a mask at the size of the view to the memory of the capture: where the camera has seen
-// nothing but background for long (FrameMemory::add_still()).
+// Adds a still mask at the size of the view to the memory of the capture
+// (FrameMemory::add_still()).
 void add_still(const PreparedCapture& capture, const View& view, const cv::Mat& mask);
 // Adds the mask of a frame, at the size of the view, to the capture: to its memory, to its files,
 // or to both.
 Status add_mask(const PreparedCapture& capture, const View& view, int frame, const cv::Mat& mask);
 
-// The background of a camera whose frames arrive window by window. It follows content that has come
-// to rest, and slow changes of the light.
+// The background of a camera whose frames arrive window by window. It absorbs content that stays
+// static, and follows slow changes of the light.
 class LiveBackground {
  public:
-  // `settle_frames`: frames after which static content becomes background, and background still.
+  // `settle_frames`: frames after which static content becomes background, and a place with nothing
+  // but background is still.
   LiveBackground(Background first, int settle_frames);
 
   // Returns the motion mask of an image of the view's size.
@@ -55,7 +56,7 @@ class LiveBackground {
   // Learns from images of a window of `frames` frames, spread over it, and from the union of its
   // masks; no effect for fewer than 2 images.
   void learn(const std::vector<cv::Mat>& images, const cv::Mat& masked, int frames);
-  // Returns 255 where nothing but background was seen for settle_frames.
+  // Returns the still mask: 255 where only background was visible for settle_frames.
   cv::Mat still() const;
   const Background& background() const { return background_; }
 

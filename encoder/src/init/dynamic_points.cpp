@@ -12,8 +12,8 @@
 namespace stgs::encoder::init {
 namespace {
 
-// Runs task(i) for i in [0, count) on all threads, also within a loop over frames: a live window
-// has few. Returns the error of the lowest index.
+// Runs task(i) for i in [0, count) on all threads. It is nested in a loop over frames, because a
+// live window has fewer frames than there are threads. Returns the error of the lowest index.
 Status in_parallel(int count, const std::function<Status(int)>& task) {
   std::vector<Status> statuses(count);
   parallel_for(0, count, [&](int i) { statuses[i] = task(i); });

@@ -5,8 +5,8 @@
 namespace stgs::encoder {
 
 // The time of a stage: a fixed part and one in proportion to its amount of work. Their ratio is
-// that of a reference machine; only the speed is learnt, because the amounts hardly vary, so that
-// measurements do not separate the two parts.
+// that of a reference machine; only the speed is learnt. The amounts of work vary too little to
+// measure the two parts separately.
 class WorkTime {
  public:
   // Seconds on the reference machine.

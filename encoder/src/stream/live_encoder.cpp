@@ -25,6 +25,15 @@ constexpr double kKeep = 0.85;    // of the primitives of a window
 constexpr double kQueueShare = 0.25;             // of the available memory
 constexpr std::size_t kMaxMilliseconds = 60000;  // the largest latency that is recorded
 
+// Runs the task of a thread. `stage` begins the message for an exception.
+Status without_exceptions(const char* stage, const std::function<Status()>& task) {
+  try {
+    return task();
+  } catch (const std::exception& error) {
+    return runtime_error("{} a live window failed: {}", stage, error.what());
+  }
+}
+
 }  // namespace
 
 LiveEncoder::LiveEncoder(LivePreparer& preparer, std::string folder, LiveSettings settings,
@@ -49,7 +58,7 @@ Result<std::unique_ptr<LiveEncoder>> LiveEncoder::open(LivePreparer& preparer,
     bytes = static_cast<std::uint64_t>(kQueueShare * static_cast<double>(available_memory()));
   if (settings.stream.train.target_kbps > 0 || settings.stream.train.target_size > 0 ||
       settings.stream.train.target_psnr > 0)
-    return usage_error("live encoding has no targets of rate, size or PSNR");
+    return usage_error("live encoding does not support targets of rate, size or PSNR; remove them");
   STGS_ASSIGN(const TrainingChoice choice, choose_training(settings.stream.train));
   std::unique_ptr<LiveEncoder> live(
       new LiveEncoder(preparer, folder, settings, std::move(windows), std::move(log)));
@@ -106,12 +115,7 @@ void LiveEncoder::fail(const Status& status) {
 }
 
 void LiveEncoder::prepare_windows() {
-  Status status;
-  try {
-    status = prepare_all();
-  } catch (const std::exception& error) {
-    status = runtime_error("preparing a live window failed: {}", error.what());
-  }
+  const Status status = without_exceptions("preparing", [this] { return prepare_all(); });
   if (!status.ok()) fail(status);
   const std::lock_guard lock(mutex_);
   prepared_all_ = true;
@@ -164,8 +168,8 @@ PreparedCapture LiveEncoder::assemble(const LiveFrames& frames, LiveWindow& wind
 void LiveEncoder::log_overflow() {
   const std::uint64_t overflow = queue_->dropped().overflow;
   if (overflow > overflow_) {
-    log_(1, fmt::format("too many frames wait; {} images dropped (use fewer or smaller images, "
-                        "--scale)",
+    log_(1, fmt::format("encoding is too slow: {} images dropped; use fewer cameras or smaller "
+                        "images (--scale)",
                         overflow - overflow_));
   }
   overflow_ = overflow;
@@ -180,8 +184,7 @@ Result<bool> LiveEncoder::prepare_next(int index) {
   log_overflow();
   if (frames.frames.empty()) return false;
   if (frames.first + static_cast<int>(frames.frames.size()) > kMaxFrames) {
-    log_(1, fmt::format("the recording ends after frame {}, the last one that static content can "
-                        "be displayed in; start another one",
+    log_(1, fmt::format("the recording has its maximum length, {} frames; start another one",
                         frames.first));
     return false;
   }
@@ -226,12 +229,7 @@ Result<bool> LiveEncoder::prepare_next(int index) {
 }
 
 void LiveEncoder::train_windows() {
-  Status status;
-  try {
-    status = train_all();
-  } catch (const std::exception& error) {
-    status = runtime_error("training a live window failed: {}", error.what());
-  }
+  const Status status = without_exceptions("training", [this] { return train_all(); });
   if (!status.ok()) fail(status);
   const std::lock_guard lock(mutex_);
   trained_all_ = true;
@@ -263,7 +261,7 @@ Status LiveEncoder::train(Prepared& prepared) {
   if (!has_first_) return status;
   window.written = false;
   lost_ += window.frames;
-  log_(1, fmt::format("frames {}:{} show static content alone: {}", window.first_frame,
+  log_(1, fmt::format("frames {}:{} contain static content only: {}", window.first_frame,
                       window.first_frame + window.frames, status.message()));
   const bool has_images = window.missing < taking_part_.size() * prepared.arrived.size();
   failures_ += has_images && status.code() != StatusCode::kIo ? 1 : 0;

@@ -68,7 +68,8 @@ Status check_settings(const StreamSettings& settings, const TrainingChoice& choi
         "with this method or ablation");
   }
   if (settings.resumable && settings.carries_moving)
-    return usage_error("windows that carry moving content cannot be resumed");
+    return usage_error(
+        "a run that carries moving content cannot be resumable; set resumable to false");
   if (settings.pack.profile == Profile::kNearLossless) {
     return usage_error(
         "windows cannot be written in the profile {}, whose errors are known only at the end; "

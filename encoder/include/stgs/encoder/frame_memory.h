@@ -27,7 +27,8 @@ class FrameMemory {
   void add_frame(const std::string& camera, int frame, Image8 image);
   void add_frame(const std::string& camera, int frame, ImagePtr image);
   void add_mask(const std::string& camera, int frame, Image8 mask);
-  // Of a live capture: 255 where a camera has seen nothing but background for long.
+  // Adds the still mask of a camera of a live capture: 255 where only background has been visible
+  // for the last seconds.
   void add_still(const std::string& camera, Image8 mask);
   // Return null for an image that was not added.
   ImagePtr frame(const std::string& camera, int frame) const;

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Encodes a rig while it films: frames in, a growing .stgs file out.
 //
-// Frames are collected to windows of a fraction of the target latency. One thread prepares a window
-// while another trains the one before (stream_encoder.h). The work per window follows from the time
-// that it took so far. A machine that is too slow for the least work encodes longer windows, and
-// drops frames once too many wait.
+// Frames are collected into windows whose length is a third of the target latency. While one window
+// is trained, another thread prepares the next (stream_encoder.h). The work per window is chosen by
+// the durations of the previous ones. On a machine that is too slow, windows become longer, and
+// frames are dropped once too many wait.
 #pragma once
 
 #include <chrono>
@@ -38,7 +38,7 @@ struct LiveSettings {
   std::uint64_t queue_bytes = 0;  // of frames that wait; 0: a quarter of the available memory
 };
 
-// A window that was written, or left out.
+// A window that was written or lost.
 struct LiveWindow {
   int first_frame = 0, frames = 0;
   std::uint64_t missing = 0;  // images of cameras that take part, not delivered in time
@@ -84,9 +84,9 @@ class LiveEncoder {
   // Adds a prepared frame (LivePreparer::convert()). `seconds`: of the common clock of the cameras.
   // Never waits for encoding. Thread-safe, like end_camera().
   void push(std::size_t camera, double seconds, Image8 frame);
-  // The camera delivers no more.
+  // Ends a camera: nothing more is pushed for it.
   void end_camera(std::size_t camera);
-  // Returns whether encoding has ended, because all cameras have or by an error. Thread-safe.
+  // Returns whether encoding has ended: all cameras have ended, or there was an error. Thread-safe.
   bool ended() const;
   // Returns the totals so far. Thread-safe.
   LiveReport report() const;
@@ -97,7 +97,7 @@ class LiveEncoder {
   Status finish(const std::string& output);
 
  private:
-  // A window between the threads.
+  // A window that is handed from the preparing to the training thread.
   struct Prepared {
     PreparedCapture capture;
     LiveWindow window;

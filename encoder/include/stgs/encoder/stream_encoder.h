@@ -31,12 +31,13 @@ struct StreamSettings {
   // are those of `train`; `against` must be empty.
   PackSettings pack;
   std::string title;
-  // The file that grows, which players can follow; "": one in the folder. It must not exist when a
-  // run starts.
+  // Path of the recording, which players can follow while it grows; "": a file in the folder. It
+  // must not exist when a run starts.
   std::string recording;
   bool carries_moving = false;  // see PersistentSet; not if it is resumable
   // Keep the persistent set in the folder after each window, and wait until windows are on disk, so
-  // that a later process can resume. Otherwise the recording survives the end of the process alone.
+  // that a later process can resume. Otherwise the recording survives a crash of the process, but
+  // not a power failure.
   bool resumable = true;
   // Describes everything else that the file depends on. A folder continues only an identical run.
   std::string identity;
