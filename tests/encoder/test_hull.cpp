@@ -1,62 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 // The visual hull of a ball: its points, and the depths at which rays meet it.
-#include "init/hull.h"
-
 #include <algorithm>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
+#include "ball_scene.h"
 #include "catch.h"
 
 using namespace stgs;
 using namespace stgs::encoder;
 using namespace stgs::encoder::init;
+using namespace stgs::testing;
 
 namespace {
-
-constexpr int kViews = 10;
-constexpr double kRing = 4, kBall = 0.4;
-const cv::Vec3d kMiddle(0.3, -0.2, 0.1);
-
-// A view from the ring, towards the origin.
-View view_at(int k) {
-  const double angle = 2 * CV_PI * k / kViews;
-  const cv::Vec3d z(-std::cos(angle), 0, -std::sin(angle)), y(0, 1, 0), x = y.cross(z);
-  View view;
-  view.width = 320;
-  view.height = 240;
-  view.fx = view.fy = 240;
-  view.cx = 160;
-  view.cy = 120;
-  view.rotation = cv::Matx33d(x[0], x[1], x[2], y[0], y[1], y[2], z[0], z[1], z[2]);
-  view.centre = -kRing * z;
-  view.translation = -(view.rotation * view.centre);
-  return view;
-}
-
-// The mask of the ball.
-cv::Mat mask_in(const View& view) {
-  cv::Mat mask(view.size(), CV_8U, cv::Scalar(0));
-  for (int y = 0; y < view.height; ++y) {
-    for (int x = 0; x < view.width; ++x) {
-      const cv::Vec3d ray = cv::normalize(view.ray(x + 0.5, y + 0.5));
-      const cv::Vec3d away = kMiddle - view.centre;
-      if (cv::norm(away - away.dot(ray) * ray) < kBall) mask.at<std::uint8_t>(y, x) = 255;
-    }
-  }
-  return mask;
-}
-
-// The silhouettes of the ball in front of a background at depth `behind` (0: unknown).
-std::vector<Silhouette> silhouettes(double behind) {
-  std::vector<Silhouette> out;
-  for (int k = 0; k < kViews; ++k) {
-    const View view = view_at(k);
-    out.push_back(
-        make_silhouette(view, mask_in(view), cv::Mat(view.size(), CV_32F, cv::Scalar(behind))));
-  }
-  return out;
-}
 
 bool is_in_hull(const std::vector<Silhouette>& views, const cv::Vec3d& point, double nearest) {
   std::vector<std::uint8_t> outside;

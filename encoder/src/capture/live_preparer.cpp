@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "camera_plan.h"
+#include "geometry/view_matcher.h"
 #include "init/background.h"
 #include "init_settings.h"
 #include "live_source.h"
@@ -49,6 +50,7 @@ class Rig final : public LivePreparer {
       cameras_.push_back({camera.name, camera.live_source.empty() ? recorded : camera.live_source});
     }
     mapped_.resize(cameras_.size());
+    STGS_ASSIGN(sweeper_, geometry::make_hull_sweeper(settings_.backend, log));
     return {};
   }
 
@@ -113,6 +115,7 @@ class Rig final : public LivePreparer {
     init.use_colmap = false;
     init.write_report = false;
     init.live = backgrounds_;
+    init.sweeper = sweeper_;
     init.point_interval = point_interval;
     const LogSink log_or_none = log ? log : [](int, const std::string&) {};
     try {
@@ -189,6 +192,7 @@ class Rig final : public LivePreparer {
   LiveClock clock_;
   std::once_flag started_;
   std::shared_ptr<init::LiveBackgrounds> backgrounds_;
+  std::shared_ptr<geometry::HullSweeper> sweeper_;  // null: on the CPU
   std::shared_ptr<const StaticFindings> findings_;  // null before the first window
 };
 

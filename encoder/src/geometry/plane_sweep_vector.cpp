@@ -12,14 +12,11 @@
 #include <hwy/highway.h>
 
 #include "geometry/grey_vector-inl.h"
+#include "geometry/sweep_rule.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace stgs::encoder::geometry::HWY_NAMESPACE {
 namespace {
-
-constexpr float kTextureFloor = 6.0f;  // variance (grey levels^2) of texture too weak to correlate
-constexpr float kColourScale = 48.0f;  // colour difference with the maximum cost, grey levels
-constexpr float kColourShare = 0.35f;  // weight of the colour term in the cost
 
 constexpr int kLanes = static_cast<int>(hn::MaxLanes(GreyTag()));
 
@@ -141,7 +138,7 @@ struct Windows {
 
 HWY_INLINE GreyV cost_of(const Windows& w) {
   const GreyTag d;
-  const GreyV one = hn::Set(d, 1.0f), floor = hn::Set(d, kTextureFloor);
+  const GreyV one = hn::Set(d, 1.0f), floor = hn::Set(d, kSweepTextureFloor);
   const GreyV variance_b = hn::Max(hn::NegMulAdd(w.mean_b, w.mean_b, w.square_b), hn::Zero(d));
   const GreyV spread = hn::Mul(hn::Add(w.variance_a, floor), hn::Add(variance_b, floor));
   const GreyV covariance = hn::NegMulAdd(w.mean_a, w.mean_b, w.product);

@@ -72,12 +72,6 @@ StereoImage image_of(const Level& level) {
           v.cy};
 }
 
-Mat3 times_transpose(const Mat3& a, const Mat3& b) {
-  const Vec3 rows[3] = {{b.xx, b.xy, b.xz}, {b.yx, b.yy, b.yz}, {b.zx, b.zy, b.zz}};
-  return math::mat3_of_columns(math::mat3_mul(a, rows[0]), math::mat3_mul(a, rows[1]),
-                               math::mat3_mul(a, rows[2]));
-}
-
 StereoProblem problem_of(const std::vector<Level>& levels, std::span<const int> sources,
                          std::size_t i, const StereoSettings& settings, float consistency) {
   StereoProblem problem{};
@@ -90,9 +84,7 @@ StereoProblem problem_of(const std::vector<Level>& levels, std::span<const int> 
     const StereoView& to = levels[static_cast<std::size_t>(j)].view;
     StereoSource& source = problem.sources[problem.source_count++];
     source.image = image_of(levels[static_cast<std::size_t>(j)]);
-    source.rotation = times_transpose(to.rotation, from.rotation);
-    const Vec3 moved = math::mat3_mul(source.rotation, from.translation);
-    source.translation = math::vec3_add(to.translation, math::vec3_scale(moved, -1.0f));
+    source = posed_source(source, from.rotation, from.translation, to.rotation, to.translation);
     source = derived_source(problem.reference, source);
   }
   return problem;

@@ -60,6 +60,20 @@ STGS_FN float grey_at(StereoImage image, int x, int y) {
   return static_cast<float>(image.corners[at + static_cast<std::size_t>(x)] & 0xFFu);
 }
 
+// Sets the pose of a source from the poses of the reference and of the source in the world:
+// p_camera = rotation p_world + translation.
+STGS_FN StereoSource posed_source(StereoSource source, Mat3 from_rotation, Vec3 from_translation,
+                                  Mat3 to_rotation, Vec3 to_translation) {
+  const Mat3 b = from_rotation;
+  source.rotation =
+      math::mat3_of_columns(math::mat3_mul(to_rotation, math::vec3_of(b.xx, b.xy, b.xz)),
+                            math::mat3_mul(to_rotation, math::vec3_of(b.yx, b.yy, b.yz)),
+                            math::mat3_mul(to_rotation, math::vec3_of(b.zx, b.zy, b.zz)));
+  const Vec3 moved = math::mat3_mul(source.rotation, from_translation);
+  source.translation = math::vec3_add(to_translation, math::vec3_scale(moved, -1.0f));
+  return source;
+}
+
 // Sets the derived members of a source.
 STGS_FN StereoSource derived_source(StereoImage reference, StereoSource source) {
   const StereoImage s = source.image;

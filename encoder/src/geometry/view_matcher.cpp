@@ -4,22 +4,51 @@
 namespace stgs::encoder::geometry {
 
 #if !STGS_HAS_CUDA
-Result<std::unique_ptr<ViewMatcher>> make_cuda_matcher() {
+namespace {
+Status no_cuda() {
   return not_built("this build has no CUDA support");
+}
+}  // namespace
+
+Result<std::unique_ptr<ViewMatcher>> make_cuda_matcher() {
+  return no_cuda();
+}
+Result<std::unique_ptr<HullSweeper>> make_cuda_hull_sweeper() {
+  return no_cuda();
 }
 #endif
 
-Result<std::unique_ptr<ViewMatcher>> make_matcher(const std::string& backend, const LogSink& log) {
-  if (backend == "cpu") return make_cpu_matcher();
-  if (backend != "cuda" && backend != "auto") {
-    return not_built("backend '{}' has no stereo; use --backend cpu", backend);
-  }
-  Result<std::unique_ptr<ViewMatcher>> cuda = make_cuda_matcher();
+namespace {
+
+// Returns `cuda`, or null if CUDA cannot be used and need not be. `task`: for the log.
+template <typename T>
+Result<std::unique_ptr<T>> if_usable(Result<std::unique_ptr<T>> cuda, const std::string& backend,
+                                     const char* task, const LogSink& log) {
   if (cuda.ok()) return cuda;
   const std::string& reason = cuda.status().message();
   if (backend == "cuda") return Status(cuda.status().code(), reason + "; use --backend cpu");
-  if (log) log(2, fmt::format("CUDA unavailable ({}); stereo on the CPU", reason));
-  return make_cpu_matcher();
+  if (log) log(2, fmt::format("CUDA unavailable ({}); {} on the CPU", reason, task));
+  return std::unique_ptr<T>();
+}
+
+Status unknown_backend(const std::string& backend) {
+  return not_built("backend '{}' has no stereo; use --backend cpu", backend);
+}
+
+}  // namespace
+
+Result<std::unique_ptr<ViewMatcher>> make_matcher(const std::string& backend, const LogSink& log) {
+  if (backend == "cpu") return make_cpu_matcher();
+  if (backend != "cuda" && backend != "auto") return unknown_backend(backend);
+  STGS_ASSIGN(auto cuda, if_usable(make_cuda_matcher(), backend, "stereo", log));
+  return cuda ? std::move(cuda) : make_cpu_matcher();
+}
+
+Result<std::unique_ptr<HullSweeper>> make_hull_sweeper(const std::string& backend,
+                                                       const LogSink& log) {
+  if (backend == "cpu") return std::unique_ptr<HullSweeper>();
+  if (backend != "cuda" && backend != "auto") return unknown_backend(backend);
+  return if_usable(make_cuda_hull_sweeper(), backend, "dynamic points", log);
 }
 
 }  // namespace stgs::encoder::geometry

@@ -6,6 +6,7 @@
 #include <memory>
 #include <string>
 
+#include "geometry/hull_sweep.h"
 #include "geometry/patch_match.h"
 #include "stgs/encoder/progress.h"
 #include "stgs/format/status.h"
@@ -33,5 +34,8 @@ std::unique_ptr<ViewMatcher> make_cpu_matcher();
 Result<std::unique_ptr<ViewMatcher>> make_cuda_matcher();
 // `backend`: "cpu", "cuda" or "auto", which is CUDA if it can be used.
 Result<std::unique_ptr<ViewMatcher>> make_matcher(const std::string& backend, const LogSink& log);
+// The same for sweeps in the visual hull, but returns null for the CPU.
+Result<std::unique_ptr<HullSweeper>> make_hull_sweeper(const std::string& backend,
+                                                       const LogSink& log);
 
 }  // namespace stgs::encoder::geometry

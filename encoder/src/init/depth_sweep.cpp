@@ -8,13 +8,12 @@
 
 #include "geometry/plane_sweep.h"
 #include "geometry/stereo.h"
+#include "geometry/sweep_rule.h"
 
 namespace stgs::encoder::init {
 namespace {
 
-constexpr std::uint8_t kImpossible = 255;  // costs are below
-constexpr int kSmallStep = 10;  // SGM penalty for a step of one plane, on the 0..255 cost scale
-constexpr int kLargeStep = 60;  // SGM penalty for a larger step
+using geometry::kImpossible;
 
 // Cost volume. The costs of all planes of a pixel are contiguous.
 struct Volume {
@@ -63,15 +62,12 @@ void fill_volume(const SweepImage& reference, const std::vector<const SweepImage
                             other->view.width, other->view.height},
                            row_major, &costs);
     }
-    // Occluded views match worst. With three or more views the best two count, with fewer the best.
     for (int y = 0; y < region.height; ++y) {
       const std::size_t row = std::size_t(y) * part.pitch;
       std::uint8_t* out = &volume->cost[volume->at(0, y) + plane];
       for (std::size_t x = 0; x < std::size_t(region.width); ++x) {
-        const float first = costs.first[row + x];
-        const float cost =
-            costs.seen[row + x] > 2.5f ? 0.5f * (first + costs.second[row + x]) : first;
-        out[x * volume->planes] = std::uint8_t(254 * cost + 0.5f);
+        out[x * volume->planes] =
+            geometry::volume_cost(costs.first[row + x], costs.second[row + x], costs.seen[row + x]);
       }
     }
   }
@@ -124,9 +120,9 @@ void aggregate(const Volume& volume, const cv::Mat& grey, int dx, int dy,
         const std::uint16_t* from = (dy == 0 ? current : previous)[px].data() + 1;
         const int base = (dy == 0 ? best_current : best_previous)[px];
         const float edge = std::abs(grey.at<float>(y, x) - grey.at<float>(py, px));
-        const int jump = base + std::max(kSmallStep + 4, int(kLargeStep / (1 + 0.15f * edge)));
+        const int jump = base + geometry::large_step(edge);
         for (int d = 0; d < n; ++d) {
-          const int side = std::min(from[d - 1], from[d + 1]) + kSmallStep;
+          const int side = std::min(from[d - 1], from[d + 1]) + geometry::kSmallStep;
           const int path = std::min({int(from[d]), side, jump});
           out[d] = std::uint16_t(cost[d] + path - base);
         }
@@ -154,10 +150,8 @@ DepthMap read_out(const Volume& volume, const std::vector<std::uint16_t>& sum, c
       const std::uint8_t cost = volume.cost[volume.at(x, y) + best];
       if (cost == kImpossible) continue;
       double offset = 0;
-      if (best > 0 && best + 1 < n) {
-        const double curve = double(s[best - 1]) - 2.0 * s[best] + s[best + 1];
-        if (curve > 0) offset = std::clamp(0.5 * (s[best - 1] - s[best + 1]) / curve, -0.5, 0.5);
-      }
+      if (best > 0 && best + 1 < n)
+        offset = geometry::parabola_offset(s[best - 1], s[best], s[best + 1]);
       const cv::Point p(volume.region.x + x, volume.region.y + y);
       map.depth.at<float>(p) = float(plane_depth(settings, best + offset));
       map.cost.at<float>(p) = float(cost) / 254.0f;

@@ -8,6 +8,7 @@
 #include <opencv2/core.hpp>
 #include <vector>
 
+#include "geometry/sweep_rule.h"
 #include "init/view.h"
 
 namespace stgs::encoder::init {
@@ -25,11 +26,11 @@ struct SweepImage {
 SweepImage make_sweep_image(const View& view, const cv::Mat& rgb, const cv::Mat& usable = {});
 
 struct SweepSettings {
-  double nearest = 1, farthest = 10;  // depth range, scene units
-  int planes = 64;                    // 2..192
-  int window = 5;                     // pixels, odd
-  cv::Rect region;                    // swept part of the reference; empty: all
-  cv::Mat mask;                       // 8-bit, 0: no depth is wanted; empty: everywhere
+  double nearest = 1, farthest = 10;    // depth range, scene units
+  int planes = 64;                      // 2..192
+  int window = geometry::kSweepWindow;  // pixels, odd
+  cv::Rect region;                      // swept part of the reference; empty: all
+  cv::Mat mask;                         // 8-bit, 0: no depth is wanted; empty: everywhere
   // Sets excluded[k] to 1 for points origin + depths[k] * ray to exclude, such as those outside the
   // visual hull, else to 0. May be empty.
   std::function<void(const cv::Vec3d& origin, const cv::Vec3d& ray,

@@ -21,7 +21,6 @@ Status in_parallel(int count, const std::function<Status(int)>& task) {
   return {};
 }
 
-constexpr int kMinMaskPixels = 6;
 constexpr double kConfirmedSlack = 1.06, kInterpolatedSlack = 1.3;  // for errors of static depth
 
 // Returns the depth behind which the static surface hides everything, at the size of the view.
@@ -29,69 +28,6 @@ cv::Mat hiding_depth_of(const Surface& surface, const View& view) {
   cv::Mat depth = kInterpolatedSlack * surface.depth, out;
   cv::Mat(kConfirmedSlack * surface.depth).copyTo(depth, surface.weight > 0);
   cv::resize(depth, out, view.size(), 0, 0, cv::INTER_NEAREST);
-  return out;
-}
-
-struct SweptView {
-  DepthMap map;
-  double step = 0;
-  cv::Mat mask;
-};
-
-// Returns the boxes around the components of the mask, a few pixels larger. Overlapping boxes are
-// merged.
-std::vector<cv::Rect> mask_boxes(const cv::Mat& mask) {
-  cv::Mat grown, labels, stats, centroids;
-  cv::dilate(mask, grown, cv::Mat(), {-1, -1}, 3);
-  const int n = cv::connectedComponentsWithStats(grown, labels, stats, centroids);
-  std::vector<cv::Rect> boxes;
-  for (int i = 1; i < n; ++i) {
-    cv::Rect box(stats.at<int>(i, cv::CC_STAT_LEFT), stats.at<int>(i, cv::CC_STAT_TOP),
-                 stats.at<int>(i, cv::CC_STAT_WIDTH), stats.at<int>(i, cv::CC_STAT_HEIGHT));
-    for (std::size_t k = 0; k < boxes.size();) {
-      if ((boxes[k] & box).empty()) {
-        ++k;
-        continue;
-      }
-      box |= boxes[k];
-      boxes.erase(boxes.begin() + std::ptrdiff_t(k));
-      k = 0;  // the merged box may overlap others
-    }
-    boxes.push_back(box);
-  }
-  return boxes;
-}
-
-SweptView sweep_view(const std::vector<SweepImage>& images, int i, const std::vector<View>& views,
-                     const std::vector<int>& near, const cv::Mat& mask, const DynamicHull& hull) {
-  SweptView out;
-  out.mask = mask;
-  if (near.empty() || cv::countNonZero(mask) < kMinMaskPixels) return out;
-  std::vector<const SweepImage*> others;
-  others.reserve(near.size());
-  for (const int j : near) others.push_back(&images[j]);
-  const auto blank = [&](double v) { return cv::Mat(mask.size(), CV_32F, cv::Scalar(v)); };
-  out.map = {blank(0), blank(1)};
-  for (const cv::Rect& box : mask_boxes(mask)) {
-    SweepSettings settings;
-    const auto range = hull_depths(hull.silhouettes, views[i], mask, box, hull.limits);
-    if (!range) continue;
-    settings.nearest = range->nearest;
-    settings.farthest = range->farthest;
-    settings.planes =
-        plane_count(views[i], views, near, settings.nearest, settings.farthest, 8, 64);
-    settings.region = box;
-    settings.mask = mask;
-    settings.exclude = [&hull](const cv::Vec3d& origin, const cv::Vec3d& ray,
-                               const std::vector<float>& depths,
-                               std::vector<std::uint8_t>* excluded) {
-      find_outside(hull.silhouettes, origin, ray, depths, hull.limits.nearest, excluded);
-    };
-    const DepthMap part = sweep(images[i], others, settings);
-    part.depth(box).copyTo(out.map.depth(box));
-    part.cost(box).copyTo(out.map.cost(box));
-    out.step = std::max(out.step, plane_step(settings));
-  }
   return out;
 }
 
@@ -147,10 +83,12 @@ void choose(const std::vector<Surface>& surfaces, double tolerance, int limit, D
 }  // namespace
 
 DynamicFinder::DynamicFinder(const PreparedCapture& capture, const std::vector<View>& views,
-                             const StaticScene& scene, const DynamicSettings& settings)
+                             const StaticScene& scene, const DynamicSettings& settings,
+                             geometry::HullSweeper* gpu)
     : capture_(capture),
       scene_(scene),
       settings_(settings),
+      gpu_(gpu),
       views_(views),
       limits_{0.6 * scene.range.nearest, scene.range.farthest} {
   for (std::size_t i = 0; i < views.size(); ++i) {
@@ -190,30 +128,29 @@ Status DynamicFinder::sweep_references(int frame, const DynamicHull& hull, const
     return {};
   });
   STGS_TRY(loaded);
-  std::vector<SweptView> swept(small_.size());
-  const Status depths = in_parallel(int(references_.size()), [&](int r) -> Status {
-    const int i = references_[r];
-    STGS_TRY(work.check());
+  std::vector<HullView> wanted;
+  for (const int i : references_) {
     STGS_ASSIGN(const cv::Mat mask, load_mask_image(capture_, small_[i], frame));
     std::vector<int> partners = partners_[i];
     std::erase_if(partners, [&](int j) { return images[j].rgb.empty(); });
-    if (!mask.empty()) swept[i] = sweep_view(images, i, small_, partners, mask, hull);
-    return {};
-  });
-  STGS_TRY(depths);
-  std::vector<int> mapped;  // references with a depth map
+    if (!mask.empty() && !images[i].rgb.empty()) wanted.push_back({i, mask, std::move(partners)});
+  }
+  std::vector<SweptView> swept;
+  STGS_TRY(sweep_hull(images, wanted, hull, gpu_, work, &swept));
+  std::vector<std::size_t> mapped;  // views with a depth map
   double tolerance = 0;
-  for (const int i : references_) {
-    if (swept[i].map.depth.empty()) continue;
-    mapped.push_back(i);
-    tolerance = std::max(tolerance, 3 * swept[i].step);
+  for (std::size_t k = 0; k < swept.size(); ++k) {
+    if (swept[k].map.depth.empty()) continue;
+    mapped.push_back(k);
+    tolerance = std::max(tolerance, 3 * swept[k].step);
   }
   std::vector<Surface> surfaces(mapped.size());
   parallel_for(std::size_t{0}, mapped.size(), [&](std::size_t m) {
     std::vector<std::pair<const View*, const DepthMap*>> others;
-    for (const int j : mapped)
-      if (j != mapped[m]) others.emplace_back(&small_[j], &swept[j].map);
-    surfaces[m] = surface_of(images[mapped[m]], swept[mapped[m]], others);
+    for (const std::size_t k : mapped)
+      if (k != mapped[m]) others.emplace_back(&small_[wanted[k].view], &swept[k].map);
+    const std::size_t k = mapped[m];
+    surfaces[m] = surface_of(images[wanted[k].view], swept[k], others);
   });
   if (!surfaces.empty()) choose(surfaces, tolerance, settings_.limit, out);
   return {};

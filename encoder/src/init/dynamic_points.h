@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "init/cover.h"
-#include "init/hull.h"
+#include "init/hull_depth.h"
 #include "init/motion.h"
 #include "init/static_points.h"
 
@@ -22,18 +22,13 @@ struct DynamicSettings {
   int max_side = 240;  // longer side of the sweeps, pixels
 };
 
-// The visual hull of a frame.
-struct DynamicHull {
-  std::vector<Silhouette> silhouettes;
-  DepthInterval limits;  // nothing is nearer to a view, and nothing is sought farther away
-};
-
 class DynamicFinder {
  public:
   // `views` set the working resolution of the masks; `scene` has their surfaces in the same order.
-  // Keeps references to the capture and the scene.
+  // `gpu`: of the sweeps; null for the CPU. Keeps references to the capture, the scene and the GPU.
   DynamicFinder(const PreparedCapture& capture, const std::vector<View>& views,
-                const StaticScene& scene, const DynamicSettings& settings);
+                const StaticScene& scene, const DynamicSettings& settings,
+                geometry::HullSweeper* gpu);
 
   // Finds the points of one frame. Leaves `out` empty if fewer than two views show motion. Checks
   // `work` for cancellation between views. Thread-safe.
@@ -47,6 +42,7 @@ class DynamicFinder {
   const PreparedCapture& capture_;
   const StaticScene& scene_;
   DynamicSettings settings_;
+  geometry::HullSweeper* gpu_;
   std::vector<View> views_, small_;  // of the masks and of the sweeps
   std::vector<cv::Mat> hiding_;      // per view: the depth that its static surface hides
   DepthInterval limits_;             // dynamic content may be nearer than any static content

@@ -6,27 +6,14 @@
 #include <limits>
 #include <numeric>
 
+#include "geometry/hull_rule.h"
 #include "geometry/ray_votes.h"
 
 namespace stgs::encoder::init {
 namespace {
 
 constexpr std::size_t kBatch = 3;  // views between which points are removed
-constexpr int kDepths = 160;       // sampled depths of a ray
-constexpr int kExamined = 256;     // sampled pixels of a box, approximately
-constexpr int kMaxStride = 4;      // pixels between samples, so that thin content is found
-
-int views_needed(std::size_t views) {
-  return int(std::clamp<std::size_t>(views, 2, 3));
-}
-int misses_allowed(int views) {
-  return views / 8 + (views >= 5 ? 1 : 0);
-}
-
-// Whether a point that so many of the views see inside and outside of the mask is in the hull.
-bool is_in_hull(int inside, int outside, std::size_t views) {
-  return inside >= views_needed(views) && outside <= misses_allowed(inside + outside);
-}
+constexpr int kDepths = geometry::kHullDepths;
 
 // Removes the points that more than `most` views see outside of the mask, if those are many.
 void drop_outside(int most, geometry::RayVotes* votes, std::vector<std::uint32_t>* points) {
@@ -61,7 +48,7 @@ void find_outside(const std::vector<Silhouette>& silhouettes, const cv::Vec3d& o
   outside->assign(depths.size(), 1);
   std::vector<std::uint32_t> points(depths.size());  // that the votes are about
   std::iota(points.begin(), points.end(), 0u);
-  const int most = misses_allowed(int(silhouettes.size()));
+  const int views = int(silhouettes.size()), most = geometry::misses_allowed(views);
   for (std::size_t i = 0; i < silhouettes.size(); ++i) {
     if (i % kBatch == kBatch - 1) drop_outside(most, &votes, &points);
     if (points.empty()) return;
@@ -84,7 +71,7 @@ void find_outside(const std::vector<Silhouette>& silhouettes, const cv::Vec3d& o
   }
   for (std::size_t k = 0; k < points.size(); ++k) {
     const int inside = int(votes.inside[k]), misses = int(votes.outside[k]);
-    (*outside)[points[k]] = is_in_hull(inside, misses, silhouettes.size()) ? 0 : 1;
+    (*outside)[points[k]] = geometry::is_in_hull(inside, misses, views) ? 0 : 1;
   }
 }
 
@@ -95,8 +82,7 @@ std::optional<DepthInterval> hull_depths(const std::vector<Silhouette>& silhouet
   const double step = (1 / limits.nearest - 1 / limits.farthest) / (kDepths - 1);
   const auto depth_at = [&](int k) { return 1 / (1 / limits.farthest + k * step); };
   for (int k = 0; k < kDepths; ++k) depths.push_back(float(depth_at(k)));
-  const double count = cv::countNonZero(mask(box));
-  const int stride = std::clamp(int(std::sqrt(count / kExamined)), 1, kMaxStride);
+  const int stride = geometry::hull_stride(cv::countNonZero(mask(box)));
   int first = kDepths, last = -1;
   std::vector<std::uint8_t> outside;
   for (int y = box.y + stride / 2; y < box.br().y; y += stride) {

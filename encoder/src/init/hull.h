@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Visual hull of the dynamic content of one frame. A point belongs to it if it is inside the mask
-//   - in at least three of the views that see it (two if there are only two views), and
-//   - in nearly all of them (about one miss in eight is allowed).
+// Visual hull of the dynamic content of one frame (geometry/hull_rule.h).
 #pragma once
 
 #include <cstdint>

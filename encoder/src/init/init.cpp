@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "geometry/view_matcher.h"
 #include "init/bounds.h"
 #include "init/calibration_check.h"
 #include "init/dynamic_points.h"
@@ -30,7 +31,9 @@ namespace {
 
 using namespace init;
 
-constexpr int kMotionMaxSide = 640;      // longer side of the images in motion detection, pixels
+// Longer side of the images in the check of the calibration and in motion detection, pixels. Sweeps
+// of dynamic content have 240 (dynamic_points.h), so a live capture needs no more than 320.
+constexpr int kMaxSide = 640, kLiveMaxSide = 320;
 constexpr std::size_t kMinAgreeing = 3;  // with fewer views there is no stereo
 
 // Data passed between the stages.
@@ -69,9 +72,15 @@ int dynamic_limit(const State& state) {
   return std::clamp(camera.width * camera.height / 100, 1000, 5000);
 }
 
+// The training views in the size in which motion is detected.
+std::vector<View> motion_views(const State& state) {
+  return training_views(state.capture, state.settings.live ? kLiveMaxSide : kMaxSide);
+}
+
 Status check_calibration(State& state) {
-  const Status status = check_cameras(state.capture, state.views, state.settings.name, state.work,
-                                      &state.calibration);
+  const std::vector<View> views = training_views(state.capture, kMaxSide);
+  const Status status =
+      check_cameras(state.capture, views, state.settings.name, state.work, &state.calibration);
   if (status.code() != StatusCode::kInvalidFile || !state.settings.trust_calibration) return status;
   state.work.log("calibration: " + status.message(), 1);
   return {};
@@ -187,7 +196,12 @@ Status find_dynamic(State& state) {
   DynamicSettings settings;
   settings.limit = dynamic_limit(state);
   state.frames.resize(state.capture.frames);
-  const DynamicFinder finder(state.capture, state.agreeing, state.scene, settings);
+  std::shared_ptr<geometry::HullSweeper> sweeper = state.settings.sweeper;
+  const auto log = [&](int level, const std::string& line) { state.work.log(line, level); };
+  if (!state.settings.live) {
+    STGS_ASSIGN(sweeper, geometry::make_hull_sweeper(state.settings.backend, log));
+  }
+  const DynamicFinder finder(state.capture, state.agreeing, state.scene, settings, sweeper.get());
   const std::vector<int> chosen = point_frames(state.capture.frames, state.settings.point_interval);
   STGS_TRY(state.work.for_each(int(chosen.size()), [&](int i) {
     return finder.find(chosen[i], state.work, &state.frames[chosen[i]]);
@@ -287,7 +301,7 @@ void log_timings(const State& state) {
 }
 
 Status run(State& state) {
-  state.views = training_views(state.capture, kMotionMaxSide);
+  state.views = motion_views(state);
   if (state.views.empty()) {
     return usage_error("{}: every camera is held out; leave some for training (--test-cameras)",
                        state.settings.name);
@@ -338,7 +352,7 @@ std::shared_ptr<const StaticFindings> findings_of(const State& state) {
 
 Status run_later(State& state, const StaticFindings& findings) {
   state.with_statics = false;
-  state.views = training_views(state.capture, kMotionMaxSide);
+  state.views = motion_views(state);
   STGS_TRY(find_all_motion(state));
   for (std::size_t i = 0; i < state.views.size(); ++i) {
     const std::string& name = state.views[i].camera->name;

@@ -1,0 +1,363 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <condition_variable>
+#include <memory>
+#include <mutex>
+#include <vector>
+
+#include "backend/cuda/hull_sweep.h"
+#include "backend/cuda/kernels.h"
+#include "backend/cuda/memory.h"
+#include "backend/cuda/select_gpu.h"
+#include "geometry/hull_sweep.h"
+
+namespace stgs::encoder {
+namespace {
+
+using cuda::cuda_status;
+using cuda::DeviceArray;
+using cuda::HullDepth;
+using cuda::HullRay;
+using cuda::HullRegion;
+using cuda::HullSample;
+using cuda::HullSpan;
+using geometry::HullBox;
+using geometry::HullCamera;
+using geometry::HullReference;
+using geometry::HullSweep;
+using geometry::kHullDepths;
+using geometry::StereoImage;
+using geometry::StereoSource;
+
+constexpr int kGpu = 0;
+constexpr std::size_t kMaxLanes = 4;  // frames that are swept at a time
+
+std::size_t area(int width, int height) {
+  return static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
+}
+
+StereoImage image_of(const HullCamera& camera, const std::uint32_t* corners) {
+  return {corners,   nullptr,   camera.width, camera.height,
+          camera.fx, camera.fy, camera.cx,    camera.cy};
+}
+
+StereoSource source_of(const HullCamera& from, const HullCamera& to, const StereoImage& image) {
+  StereoSource source{};
+  source.image = image;
+  source =
+      geometry::posed_source(source, from.rotation, from.translation, to.rotation, to.translation);
+  return geometry::derived_source(image_of(from, nullptr), source);
+}
+
+HullRay ray_of(const HullCamera& from, const HullCamera& to, const float* hiding) {
+  // With a focal length of 1 and the centre at 0, positions are directions.
+  const StereoSource source =
+      source_of(from, to, {nullptr, nullptr, to.width, to.height, 1.0f, 1.0f, 0.0f, 0.0f});
+  return {
+      source.infinite, source.translation, hiding, to.width, to.height, to.fx, to.fy, to.cx, to.cy};
+}
+
+// Arrays of the host, one after the other on the device.
+template <typename T>
+class Uploaded {
+ public:
+  // Starts again, for arrays with so many values in total.
+  Status start(std::size_t total) {
+    used_ = 0;
+    return array_.ensure(std::max<std::size_t>(total, 1));
+  }
+  // Copies an array, which must outlive the copy, and sets its address on the device.
+  Status add(const T* values, std::size_t n, cudaStream_t stream, const T** out) {
+    *out = array_.data() + used_;
+    used_ += n;
+    return cuda_status(cudaMemcpyAsync(array_.data() + used_ - n, values, n * sizeof(T),
+                                       cudaMemcpyHostToDevice, stream),
+                       "uploading a frame");
+  }
+  Status set(const std::vector<T>& values, cudaStream_t stream) {
+    const T* address = nullptr;
+    STGS_TRY(start(values.size()));
+    return add(values.data(), values.size(), stream, &address);
+  }
+  T* data() const { return array_.data(); }
+
+ private:
+  DeviceArray<T> array_;
+  std::size_t used_ = 0;
+};
+
+// The memory and the stream of one frame.
+class Lane {
+ public:
+  Status run(HullSweep& sweep) {
+    // The device is a setting of the thread.
+    STGS_TRY(cuda_status(cudaSetDevice(kGpu), "choosing the GPU"));
+    STGS_TRY(stream_.create());
+    const Status status = run_all(sweep);
+    const Status waited = stream_.wait();  // copies read the memory of the caller
+    return status.ok() ? waited : status;
+  }
+
+ private:
+  Status run_all(HullSweep& sweep) {
+    STGS_TRY(upload_views(sweep));
+    STGS_TRY(upload_references(sweep));
+    STGS_TRY(find_spans(sweep));
+    make_regions(sweep);
+    if (regions_.empty()) return {};
+    STGS_TRY(sweep_regions());
+    copy_results(sweep);
+    return {};
+  }
+
+  Status upload_views(const HullSweep& sweep) {
+    std::size_t total = 0;
+    for (const auto& silhouette : sweep.silhouettes)
+      total += area(silhouette.camera.width, silhouette.camera.height);
+    STGS_TRY(hiding_.start(total));
+    hiding_at_.assign(sweep.silhouettes.size(), nullptr);
+    for (std::size_t v = 0; v < sweep.silhouettes.size(); ++v) {
+      const auto& [camera, values] = sweep.silhouettes[v];
+      STGS_TRY(hiding_.add(values, area(camera.width, camera.height), stream_, &hiding_at_[v]));
+    }
+    total = 0;
+    for (const auto& image : sweep.images)
+      if (image.corners != nullptr) total += area(image.camera.width, image.camera.height);
+    STGS_TRY(corners_.start(total));
+    images_.clear();
+    for (const auto& [camera, values] : sweep.images) {
+      const std::uint32_t* corners = nullptr;
+      if (values != nullptr)
+        STGS_TRY(corners_.add(values, area(camera.width, camera.height), stream_, &corners));
+      images_.push_back(image_of(camera, corners));
+    }
+    return {};
+  }
+
+  Status upload_references(const HullSweep& sweep) {
+    std::size_t total = 0;
+    for (const HullReference& reference : sweep.references)
+      total += area(images_[reference.image].width, images_[reference.image].height);
+    STGS_TRY(masks_.start(total));
+    mask_at_.assign(sweep.references.size(), nullptr);
+    rays_.clear();
+    for (std::size_t r = 0; r < sweep.references.size(); ++r) {
+      const HullReference& reference = sweep.references[r];
+      const HullCamera& from = sweep.images[reference.image].camera;
+      STGS_TRY(masks_.add(reference.mask, area(from.width, from.height), stream_, &mask_at_[r]));
+      for (std::size_t v = 0; v < sweep.silhouettes.size(); ++v)
+        rays_.push_back(ray_of(from, sweep.silhouettes[v].camera, hiding_at_[v]));
+    }
+    return device_rays_.set(rays_, stream_);
+  }
+
+  // Finds the sampled depths at which rays through each box meet the hull.
+  Status find_spans(const HullSweep& sweep) {
+    samples_.clear();
+    spans_.clear();
+    for (std::size_t r = 0; r < sweep.references.size(); ++r) {
+      for (const HullBox& box : sweep.references[r].boxes) {
+        add_samples(sweep, r, box);
+        spans_.push_back({kHullDepths, -1});
+      }
+    }
+    STGS_TRY(device_samples_.set(samples_, stream_));
+    STGS_TRY(device_spans_.set(spans_, stream_));
+    votes_ = {device_rays_.data(), static_cast<int>(sweep.silhouettes.size()),
+              static_cast<float>(sweep.nearest)};
+    cuda::launch_hull_spans(device_samples_.data(), static_cast<int>(samples_.size()), votes_,
+                            static_cast<float>(1 / sweep.farthest),
+                            static_cast<float>(span_step(sweep)), device_spans_.data(), stream_);
+    STGS_TRY(cuda_status(cudaGetLastError(), "searching the visual hull"));
+    STGS_TRY(cuda_status(
+        cudaMemcpyAsync(spans_.data(), device_spans_.data(), spans_.size() * sizeof(HullSpan),
+                        cudaMemcpyDeviceToHost, stream_),
+        "reading the depths of the visual hull"));
+    return stream_.wait();
+  }
+
+  void add_samples(const HullSweep& sweep, std::size_t r, const HullBox& box) {
+    const HullReference& reference = sweep.references[r];
+    const int width = images_[reference.image].width;
+    const auto is_masked = [&](int x, int y) { return reference.mask[y * width + x] != 0; };
+    int masked = 0;
+    for (int y = box.y; y < box.y + box.height; ++y)
+      for (int x = box.x; x < box.x + box.width; ++x) masked += is_masked(x, y) ? 1 : 0;
+    const int stride = geometry::hull_stride(masked);
+    for (int y = box.y + stride / 2; y < box.y + box.height; y += stride) {
+      for (int x = box.x + stride / 2; x < box.x + box.width; x += stride) {
+        if (!is_masked(x, y)) continue;
+        samples_.push_back({static_cast<int>(spans_.size()),
+                            static_cast<int>(r * sweep.silhouettes.size()),
+                            static_cast<float>(x) + 0.5f, static_cast<float>(y) + 0.5f});
+      }
+    }
+  }
+
+  // The step in inverse depth between sampled depths.
+  static double span_step(const HullSweep& sweep) {
+    return (1 / sweep.nearest - 1 / sweep.farthest) / (kHullDepths - 1);
+  }
+
+  void make_regions(HullSweep& sweep) {
+    regions_.clear();
+    owners_.clear();
+    all_ = {};
+    volume_ = pixels_ = 0;
+    std::size_t span = 0;
+    for (std::size_t r = 0; r < sweep.references.size(); ++r)
+      for (const HullBox& box : sweep.references[r].boxes)
+        add_region(sweep, r, box, spans_[span++]);
+  }
+
+  void add_region(HullSweep& sweep, std::size_t r, const HullBox& box, HullSpan span) {
+    if (span.last < span.first) return;  // no ray meets the hull
+    // One sample larger on each side.
+    const auto inverse = [&](int k) {
+      return 1 / sweep.farthest + std::clamp(k, 0, kHullDepths - 1) * span_step(sweep);
+    };
+    const double near = inverse(span.last + 1), far = inverse(span.first - 1);
+    HullReference& reference = sweep.references[r];
+    HullRegion region{};
+    region.planes = sweep.planes(static_cast<int>(r), 1 / near, 1 / far);
+    const double step = (near - far) / (region.planes - 1);
+    reference.step = std::max(reference.step, step);
+    region.farthest_inverse = static_cast<float>(far);
+    region.step = static_cast<float>(step);
+    region.reference = images_[reference.image];
+    for (const int j : reference.sources) {
+      region.sources[region.source_count++] =
+          source_of(sweep.images[reference.image].camera, sweep.images[j].camera, images_[j]);
+    }
+    region.mask = mask_at_[r];
+    region.x = box.x;
+    region.y = box.y;
+    region.width = box.width;
+    region.height = box.height;
+    region.rays = static_cast<int>(r * sweep.silhouettes.size());
+    region.volume = volume_;
+    region.pixels = pixels_;
+    count(region);
+    regions_.push_back(region);
+    owners_.push_back(r);
+  }
+
+  void count(const HullRegion& region) {
+    const std::size_t pixels = area(region.width, region.height);
+    const int tiles = cuda::blocks_of(static_cast<std::size_t>(region.width), cuda::kHullTile) *
+                      cuda::blocks_of(static_cast<std::size_t>(region.height), cuda::kHullTile);
+    all_.widest = std::max(all_.widest, region.width);
+    all_.highest = std::max(all_.highest, region.height);
+    all_.most_planes = std::max(all_.most_planes, region.planes);
+    all_.most_tiles = std::max(all_.most_tiles, tiles);
+    all_.most_pixels = std::max(all_.most_pixels, pixels);
+    pixels_ += pixels;
+    volume_ += pixels * static_cast<std::size_t>(region.planes);
+  }
+
+  Status sweep_regions() {
+    STGS_TRY(device_regions_.set(regions_, stream_));
+    STGS_TRY(costs_.ensure(volume_));
+    STGS_TRY(sums_.ensure(volume_));
+    STGS_TRY(device_results_.ensure(pixels_));
+    STGS_TRY(cuda_status(cudaMemsetAsync(sums_.data(), 0, volume_ * sizeof(std::uint16_t), stream_),
+                         "clearing a cost volume"));
+    all_.regions = device_regions_.data();
+    all_.count = static_cast<int>(regions_.size());
+    all_.costs = costs_.data();
+    all_.sums = sums_.data();
+    all_.results = device_results_.data();
+    cuda::launch_hull_limits(all_, votes_, stream_);
+    cuda::launch_hull_costs(all_, stream_);
+    cuda::launch_hull_paths(all_, stream_);
+    cuda::launch_hull_depths(all_, stream_);
+    STGS_TRY(cuda_status(cudaGetLastError(), "starting a plane sweep"));
+    results_.resize(pixels_);
+    STGS_TRY(
+        cuda_status(cudaMemcpyAsync(results_.data(), device_results_.data(),
+                                    pixels_ * sizeof(HullDepth), cudaMemcpyDeviceToHost, stream_),
+                    "reading depths"));
+    return stream_.wait();
+  }
+
+  void copy_results(HullSweep& sweep) const {
+    for (std::size_t k = 0; k < regions_.size(); ++k) {
+      const HullRegion& region = regions_[k];
+      const HullReference& reference = sweep.references[owners_[k]];
+      const HullDepth* from = results_.data() + region.pixels;
+      for (int y = region.y; y < region.y + region.height; ++y) {
+        for (int x = region.x; x < region.x + region.width; ++x, ++from) {
+          reference.depth[y * region.reference.width + x] = from->depth;
+          reference.cost[y * region.reference.width + x] = from->cost;
+        }
+      }
+    }
+  }
+
+  cuda::Stream stream_;
+  Uploaded<float> hiding_;
+  Uploaded<std::uint32_t> corners_;
+  Uploaded<std::uint8_t> masks_;
+  Uploaded<HullRay> device_rays_;
+  Uploaded<HullSample> device_samples_;
+  Uploaded<HullSpan> device_spans_;
+  Uploaded<HullRegion> device_regions_;
+  DeviceArray<std::uint8_t> costs_;
+  DeviceArray<std::uint16_t> sums_;
+  DeviceArray<HullDepth> device_results_;
+  std::vector<const float*> hiding_at_;       // per silhouette, on the device
+  std::vector<StereoImage> images_;           // with corners on the device
+  std::vector<const std::uint8_t*> mask_at_;  // per reference, on the device
+  std::vector<HullRay> rays_;
+  std::vector<HullSample> samples_;
+  std::vector<HullSpan> spans_;  // per box
+  std::vector<HullRegion> regions_;
+  std::vector<std::size_t> owners_;  // the reference of each region
+  std::vector<HullDepth> results_;
+  cuda::HullVotes votes_{};
+  cuda::HullRegions all_{};
+  std::size_t volume_ = 0, pixels_ = 0;  // entries
+};
+
+class CudaHullSweeper final : public geometry::HullSweeper {
+ public:
+  Status run(HullSweep& sweep) override {
+    const std::shared_ptr<Lane> lane(take().release(), [this](Lane* used) { give_back(used); });
+    const Status status = lane->run(sweep);
+    if (status.ok()) return {};
+    return {status.code(), status.message() + "; or use --backend cpu"};
+  }
+
+ private:
+  std::unique_ptr<Lane> take() {
+    std::unique_lock lock(mutex_);
+    returned_.wait(lock, [this] { return !free_.empty() || lanes_ < kMaxLanes; });
+    if (free_.empty()) {
+      ++lanes_;
+      return std::make_unique<Lane>();
+    }
+    std::unique_ptr<Lane> lane = std::move(free_.back());
+    free_.pop_back();
+    return lane;
+  }
+
+  void give_back(Lane* lane) {
+    const std::lock_guard lock(mutex_);
+    free_.emplace_back(lane);
+    returned_.notify_one();
+  }
+
+  std::mutex mutex_;
+  std::condition_variable returned_;
+  std::vector<std::unique_ptr<Lane>> free_;
+  std::size_t lanes_ = 0;
+};
+
+}  // namespace
+
+Result<std::unique_ptr<geometry::HullSweeper>> geometry::make_cuda_hull_sweeper() {
+  STGS_TRY(cuda::select_gpu(kGpu).status());
+  return std::unique_ptr<HullSweeper>(std::make_unique<CudaHullSweeper>());
+}
+
+}  // namespace stgs::encoder
