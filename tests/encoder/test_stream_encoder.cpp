@@ -123,7 +123,7 @@ TEST_CASE("later windows leave the stored primitives as they are, to the bit") {
   PersistentSet set;
   TrainSettings settings = test::short_run(240);
   settings.refine_cameras = true;  // which changes more of the state
-  REQUIRE(train(*first, settings, nullptr, nullptr, nullptr, &set).ok());
+  REQUIRE(train(*first, settings, nullptr, nullptr, nullptr, {&set, nullptr}).ok());
   const TrainState before = *set.state();
   REQUIRE(before.count_fixed() > 50);
   const std::string path = synthetic.capture.folder + "/a.set";

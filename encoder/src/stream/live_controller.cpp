@@ -17,7 +17,7 @@ constexpr int kMinIterations = 60;
 constexpr double kLearn = 0.3;  // weight of a new duration
 // Seconds on an NVIDIA H200 with 16 cores, 27 cameras of 640x360: of preparing a window, per frame
 // with points, of training a window, per iteration.
-constexpr double kPrepare = 0.15, kPoints = 0.06, kTrain = 0.15, kStep = 0.0006;
+constexpr double kPrepare = 0.05, kPoints = 0.015, kTrain = 0.07, kStep = 0.0003;
 
 }  // namespace
 

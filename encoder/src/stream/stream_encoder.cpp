@@ -196,7 +196,8 @@ Result<StreamWindow> StreamEncoder::encode_window(PreparedCapture window,
     take_bounds(first);
   }
   PersistentSet set = set_;
-  STGS_ASSIGN(const Scene scene, train(window, train_settings, progress, log, &out.training, &set));
+  STGS_ASSIGN(const Scene scene,
+              train(window, train_settings, progress, log, &out.training, {&set, &backend_}));
   if (!recorder_) STGS_TRY(create_recording(scene));
   const std::uint64_t bytes = recorder_->bytes(), primitives = recorder_->primitives();
   // Before the fragment, so that the set of each fragment exists.

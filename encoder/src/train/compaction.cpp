@@ -5,9 +5,11 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <utility>
 
 #include "pack/most_important.h"
 #include "stgs/format/math/lifespan.h"
+#include "stgs/format/parallel.h"
 #include "train/camera_refinement.h"
 #include "train/step_schedule.h"
 #include "train/trainer.h"
@@ -171,6 +173,7 @@ Result<std::vector<float>> Trainer::importance_now() {
 
 Result<std::vector<float>> Trainer::pruning_importance() {
   STGS_ASSIGN(std::vector<float> importance, importance_now());
+  if (is_live()) pruned_importance_ = importance;
   for (std::size_t i = 0; i < importance.size(); ++i) {
     const double life = 2.0 * (state_.set.radius[i] + double{state_.set.sigma[i]});
     const double share = std::clamp(life / capture_.frames, 1.0 / capture_.frames, 1.0);
@@ -180,6 +183,7 @@ Result<std::vector<float>> Trainer::pruning_importance() {
 }
 
 Status Trainer::prune(double keep) {
+  if (keep >= 1.0) return {};
   STGS_ASSIGN(std::vector<float> importance, pruning_importance());
   const std::size_t fixed = state_.count_fixed();
   for (std::size_t i = 0; i < state_.size(); ++i) {
@@ -187,13 +191,23 @@ Status Trainer::prune(double keep) {
   }
   const auto count = fixed + static_cast<std::size_t>(
                                  std::ceil(keep * static_cast<double>(state_.size() - fixed)));
-  if (count < state_.size()) state_.retain(largest(importance, count));
+  if (count < state_.size()) {
+    const std::vector<std::uint32_t> kept = largest(importance, count);
+    state_.retain(kept);
+    std::vector<float> all = std::exchange(pruned_importance_, {});
+    if (!all.empty()) gather_rows(all, 1, kept, pruned_importance_);
+  }
   return backend_->begin(state_);
 }
 
 Status Trainer::begin_rounding() {
   CompactionState& compaction = state_.compaction;
-  STGS_ASSIGN(compaction.importance, importance_now());
+  if (pruned_importance_.size() == state_.size()) {
+    STGS_TRY(synchronise());
+    compaction.importance = std::exchange(pruned_importance_, {});
+  } else {
+    STGS_ASSIGN(compaction.importance, importance_now());
+  }
   const double frames = capture_.frames;
   const std::vector<std::uint32_t> trained = state_.list_trained();
   Gaussians4D set = state_.set.gather(trained);

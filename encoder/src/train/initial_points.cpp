@@ -25,10 +25,13 @@ Result<std::vector<InitialPoint>> read_prepared_points(const PreparedCapture& ca
 
 }  // namespace
 
-Result<InitialPoints> read_initial_points(const PreparedCapture& capture) {
+Result<InitialPoints> read_initial_points(const PreparedCapture& capture, bool with_statics) {
   InitialPoints points;
   const std::string dynamic_path = capture.folder + "/points_dynamic.ply";
-  STGS_ASSIGN(points.statics, read_prepared_points(capture, capture.folder + "/points_static.ply"));
+  if (with_statics) {
+    STGS_ASSIGN(points.statics,
+                read_prepared_points(capture, capture.folder + "/points_static.ply"));
+  }
   STGS_ASSIGN(points.dynamics, read_prepared_points(capture, dynamic_path));
   points.is_moving = !points.dynamics.empty();
   const int frames =

@@ -16,6 +16,7 @@ struct InitialPoints {
 
 // Reads the points of a capture, or of the window that it describes. kIo if a file that `stgs
 // prepare` always writes is missing, kInvalidFile for a frame that the capture does not have.
-Result<InitialPoints> read_initial_points(const PreparedCapture& capture);
+// `with_statics`: false leaves the static points empty.
+Result<InitialPoints> read_initial_points(const PreparedCapture& capture, bool with_statics = true);
 
 }  // namespace stgs::encoder

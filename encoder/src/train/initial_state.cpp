@@ -88,7 +88,7 @@ Result<std::vector<InitialPoint>> load_points(const PreparedCapture& capture,
                                               const HyperParameters& parameters,
                                               const Ablation& ablation, std::uint64_t seed,
                                               const TrainState* persistent) {
-  STGS_ASSIGN(InitialPoints read, read_initial_points(capture));
+  STGS_ASSIGN(InitialPoints read, read_initial_points(capture, persistent == nullptr));
   std::vector<InitialPoint>& static_points = read.statics;
   std::vector<InitialPoint>& dynamic_points = read.dynamics;
   if (capture.mask_background) STGS_TRY(keep_foreground(full_capture(capture), static_points));
@@ -104,7 +104,6 @@ Result<std::vector<InitialPoint>> load_points(const PreparedCapture& capture,
       std::fill_n(point.velocity, 3, 0.0f);
     }
   }
-  if (persistent != nullptr) static_points.clear();
   // Relocation adds none.
   const double fraction =
       ablation.densification == Densification::kRelocation ? 1.0 : kInitialFraction;
@@ -188,9 +187,11 @@ Result<TrainState> initial_points_state(const PreparedCapture& capture,
   const auto radius = static_cast<float>(capture.scene_radius);
   const Vicinity vicinity = vicinity_of(capture);
   std::vector<float> distances(points.size());
-  for (const auto& [frame, members] : by_frame) {
-    neighbour_distances(points, members, 0.01f * radius, distances);
-  }
+  std::vector<const std::vector<std::uint32_t>*> frames;
+  for (const auto& [frame, members] : by_frame) frames.push_back(&members);
+  parallel_for(std::size_t{0}, frames.size(), [&](std::size_t k) {
+    neighbour_distances(points, *frames[k], 0.01f * radius, distances);
+  });
   TrainState state;
   state.set.sh_degree = parameters.sh_degree;
   state.resize(points.size());
@@ -231,6 +232,22 @@ bool remove_far(const Vicinity& vicinity, TrainState& state) {
   return true;
 }
 
+// Returns the primitives of both states, with the colours and cameras of the first. Neither has
+// been trained since they were made.
+TrainState joined(const TrainState& first, const TrainState& second) {
+  TrainState out = first.without_primitives();
+  out.resize(first.size() + second.size());
+  for (const TrainState* from : {&first, &second}) {
+    const std::size_t to = from == &first ? 0 : first.size();
+    parallel_blocks(std::size_t{0}, from->size(), kPrimitivesPerTask / 4,
+                    [&](std::size_t begin, std::size_t end) {
+                      out.copy_parameters(*from, begin, end, to + begin);
+                    });
+  }
+  std::copy(first.updates.begin(), first.updates.end(), out.updates.begin());
+  return out;
+}
+
 }  // namespace
 
 Result<TrainState> initial_state(const PreparedCapture& capture, const HyperParameters& parameters,
@@ -247,9 +264,7 @@ Result<TrainState> initial_state(const PreparedCapture& capture, const HyperPara
     }
     STGS_ASSIGN(const TrainState fresh,
                 initial_points_state(capture, parameters, ablation, seed, persistent));
-    TrainState state = *persistent;
-    state.append(fresh);
-    return state;
+    return joined(*persistent, fresh);
   }
   STGS_ASSIGN(TrainState state, initial_points_state(capture, parameters, ablation, seed));
   if (parameters.seen_background != 0 && !capture.mask_background) {

@@ -7,6 +7,7 @@
 #include "stgs/encoder/frame_memory.h"
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/lifespan.h"
+#include "stgs/format/parallel.h"
 
 namespace stgs::encoder {
 namespace {
@@ -65,8 +66,9 @@ std::vector<std::uint32_t> list_still(const PreparedCapture& capture, const Gaus
     if (still) views.push_back({camera.pinhole(capture.near_plane), still});
   }
   if (views.empty()) return primitives;
-  std::vector<std::uint32_t> out;
-  for (const std::uint32_t i : primitives) {
+  std::vector<std::uint8_t> is_still(primitives.size());
+  parallel_for(std::size_t{0}, primitives.size(), [&](std::size_t k) {
+    const std::uint32_t i = primitives[k];
     const math::Vec3 position{set.position[3 * i], set.position[3 * i + 1],
                               set.position[3 * i + 2]};
     int seen = 0, still = 0;
@@ -81,35 +83,33 @@ std::vector<std::uint32_t> list_still(const PreparedCapture& capture, const Gaus
                          static_cast<std::size_t>(u);
       still += view.still->data[pixel] >= kMinMask ? 1 : 0;
     }
-    if (seen > 0 && 2 * still >= seen) out.push_back(i);
-  }
+    is_still[k] = seen > 0 && 2 * still >= seen ? 1 : 0;
+  });
+  std::vector<std::uint32_t> out;
+  for (std::size_t k = 0; k < primitives.size(); ++k)
+    if (is_still[k] != 0) out.push_back(primitives[k]);
   return out;
 }
 
 TrainState persistent_state(const TrainState& trained, const std::vector<std::uint32_t>& persistent,
                             const std::vector<std::uint32_t>& carried,
                             const std::vector<std::uint32_t>& stored, int frames) {
-  TrainState out = trained;
-  out.compaction = {};
-  out.retain(persistent);
-  for (std::size_t i = 0; i < out.size(); ++i) {
-    const bool fixed =
-        out.is_fixed(i) || std::binary_search(stored.begin(), stored.end(), persistent[i]);
-    out.clear_moments(i);
-    if (fixed) out.updates[i] = kFixed;
+  TrainState out = trained.without_primitives();
+  out.resize(persistent.size() + carried.size());
+  parallel_blocks(std::size_t{0}, out.size(), kPrimitivesPerTask / 4,
+                  [&](std::size_t begin, std::size_t end) {
+                    for (std::size_t k = begin; k < end; ++k) {
+                      const bool stays = k < persistent.size();
+                      const std::size_t i = stays ? persistent[k] : carried[k - persistent.size()];
+                      out.copy_parameters(trained, i, i + 1, k);
+                      if (!stays) carry(out, k, frames);
+                    }
+                  });
+  for (std::size_t k = 0; k < persistent.size(); ++k) {
+    const std::uint32_t i = persistent[k];
+    if (trained.is_fixed(i) || std::binary_search(stored.begin(), stored.end(), i))
+      out.updates[k] = kFixed;
   }
-  TrainState moving = trained;
-  moving.retain(carried);
-  for (std::size_t i = 0; i < moving.size(); ++i) carry(moving, i, frames);
-  out.append(moving);
-  out.cameras_first.assign(out.cameras.size(), CameraCorrection{});
-  out.cameras_second = out.camera_sums = out.cameras_first;
-  out.camera_updates.assign(out.cameras.size(), 0);
-  out.camera_views.assign(out.cameras.size(), 0);
-  out.statistics.reset(out.size());
-  out.iteration = 0;
-  out.second_stage = out.opacity_resets = 0;
-  out.seconds = out.mean_loss = 0;
   return out;
 }
 

@@ -103,6 +103,23 @@ void TrainState::resize(std::size_t n) {
   statistics.views.resize(n, 0);
 }
 
+TrainState TrainState::without_primitives() const {
+  TrainState out;
+  out.set.sh_degree = set.sh_degree;
+  out.coupled.tick = coupled.tick;
+  out.background = background;
+  out.colour = colour;
+  out.colour_first = colour_first;
+  out.colour_second = colour_second;
+  out.colour_updates = colour_updates;
+  out.cameras = cameras;
+  out.cameras_first.assign(cameras.size(), CameraCorrection{});
+  out.cameras_second = out.camera_sums = out.cameras_first;
+  out.camera_updates.assign(cameras.size(), 0);
+  out.camera_views.assign(cameras.size(), 0);
+  return out;
+}
+
 void TrainState::damp(std::size_t i, float before, bool modulated,
                       const math::DampingRules& rules) {
   float* v = &velocity[3 * i];
@@ -132,11 +149,7 @@ void TrainState::derive_all(bool modulated) {
 void TrainState::retain(const std::vector<std::uint32_t>& indices) {
   const auto gather = [&indices](auto& array, std::size_t components) {
     std::remove_reference_t<decltype(array)> retained;
-    retained.reserve(indices.size() * components);
-    for (std::uint32_t i : indices) {
-      const auto first = array.begin() + static_cast<std::ptrdiff_t>(i * components);
-      retained.insert(retained.end(), first, first + static_cast<std::ptrdiff_t>(components));
-    }
+    gather_rows(array, components, indices, retained);
     array = std::move(retained);
   };
   set = set.gather(indices);
@@ -160,11 +173,10 @@ void TrainState::retain(const std::vector<std::uint32_t>& indices) {
   gather(statistics.views, 1);
 }
 
-void TrainState::append(const TrainState& from) {
-  const std::size_t first = size();
-  resize(first + from.size());
-  const auto copy = [&](const FloatArray& source, FloatArray& to, std::size_t n) {
-    std::copy(source.begin(), source.end(), to.begin() + static_cast<std::ptrdiff_t>(first * n));
+void TrainState::copy_parameters(const TrainState& from, std::size_t begin, std::size_t end,
+                                 std::size_t to) {
+  const auto copy = [&](const FloatArray& source, FloatArray& target, std::size_t n) {
+    std::copy_n(source.data() + begin * n, (end - begin) * n, target.data() + to * n);
   };
   for (int a = 0; a < kAttributes; ++a)
     copy(from.values(a), values(a), static_cast<std::size_t>(components(a)));

@@ -124,6 +124,9 @@ struct TrainState {
   const FloatArray& values(int attribute) const;
 
   void resize(std::size_t n);
+  // Returns a new state without primitives, with the representation, SH degree, background, colours
+  // and cameras of this one. Cameras have not been refined yet in it.
+  TrainState without_primitives() const;
   bool is_coupled() const { return coupled.tick > 0; }
   // Applies math::damped_velocity to primitive i. `before`: the modulation f before the step.
   void damp(std::size_t i, float before, bool modulated, const math::DampingRules& rules);
@@ -136,9 +139,9 @@ struct TrainState {
   // Overwrites primitive `to` with the parameters of `from`; its moments and updates restart at 0.
   void copy_parameters(std::size_t from, std::size_t to);
   void clear_moments(std::size_t i);
-  // Appends primitives that have not been trained yet; both states have the same representation and
-  // SH degree.
-  void append(const TrainState& from);
+  // Overwrites the primitives from `to` on with the parameters of the primitives [begin, end) of a
+  // state with the same representation and SH degree. Their moments and updates remain.
+  void copy_parameters(const TrainState& from, std::size_t begin, std::size_t end, std::size_t to);
 };
 
 // Returns the set of a state that is being rounded as its views render it.

@@ -45,11 +45,11 @@ Trainer::Trainer(const PreparedCapture& capture, const TrainSettings& settings,
 
 Result<std::unique_ptr<Trainer>> Trainer::create(const PreparedCapture& capture,
                                                  const TrainSettings& settings,
-                                                 const PersistentSet* persistent,
+                                                 const WindowState& window,
                                                  const ProgressSink& progress, const LogSink& log) {
   STGS_TRY(check_frame_files(capture, capture.cameras));
   std::unique_ptr<Trainer> trainer(new Trainer(capture, settings, progress, log));
-  trainer->persistent_ = persistent;
+  trainer->persistent_ = window.persistent;
   if (settings.foreground) {
     STGS_TRY(check_masks(capture));
     trainer->capture_.mask_background = kMaskBackground;
@@ -59,7 +59,10 @@ Result<std::unique_ptr<Trainer>> Trainer::create(const PreparedCapture& capture,
   trainer->parameters_ = choice.parameters;
   trainer->ablation_ = choice.ablation;
   trainer->growth_ = growth_parameters(choice.parameters, settings, capture);
-  STGS_ASSIGN(trainer->backend_, make_backend(settings.backend, log, settings.ranks));
+  if (window.backend != nullptr) trainer->backend_ = std::exchange(*window.backend, nullptr);
+  if (!trainer->backend_) {
+    STGS_ASSIGN(trainer->backend_, make_backend(settings.backend, log, settings.ranks));
+  }
   STGS_ASSIGN(trainer->perceptual_, PerceptualTerm::create(settings, choice.parameters,
                                                            *trainer->backend_, trainer->log_));
   STGS_TRY(trainer->perceptual_.check_sizes(capture.cameras));

@@ -29,7 +29,7 @@ class Trainer {
   // `persistent`: not null for a window of a longer capture; not owned.
   static Result<std::unique_ptr<Trainer>> create(const PreparedCapture& capture,
                                                  const TrainSettings& settings,
-                                                 const PersistentSet* persistent,
+                                                 const WindowState& window,
                                                  const ProgressSink& progress, const LogSink& log);
 
   // Runs to the end. If the progress sink cancels, writes a checkpoint and returns kRuntime.
@@ -40,6 +40,8 @@ class Trainer {
   void find_persistent(PersistentSet& set);
   // Returns the report of the run so far.
   TrainReport report() const;
+  // Gives the backend away. Nothing else may be called afterwards.
+  std::shared_ptr<TrainBackend> take_backend() { return std::move(backend_); }
 
  private:
   Trainer(const PreparedCapture& capture, const TrainSettings& settings, ProgressSink progress,
@@ -131,6 +133,8 @@ class Trainer {
   Status save_checkpoint();
   // Describes how to resume a stopped run.
   std::string resume_hint() const;
+  // Whether this is a window of a live capture, which has little time and is never resumed.
+  bool is_live() const { return persistent_ != nullptr && persistent_->carries_moving(); }
   // Computes Scene::importance; kRuntime if cancelled. Before the end of the run, its progress is
   // that of the training.
   Result<std::vector<float>> importance();
@@ -164,7 +168,9 @@ class Trainer {
   Lockstep ranks_;
   TrainingImages images_;
   TrainState state_;
-  std::unique_ptr<TrainBackend> backend_;
+  std::shared_ptr<TrainBackend> backend_;
+  // Of a live window, by its latest pruning, which rounding uses again; empty: none.
+  std::vector<float> pruned_importance_;
   StepOutput last_;  // of the latest step read
   bool step_failed_ = false;
   bool checkpoint_failed_ = false;  // the latest one

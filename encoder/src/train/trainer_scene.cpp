@@ -9,6 +9,7 @@
 #include <new>
 #include <utility>
 
+#include "stgs/format/parallel.h"
 #include "train/camera_refinement.h"
 #include "train/compute_importance.h"
 #include "train/persistence.h"
@@ -20,7 +21,7 @@ namespace {
 
 // Views for the importances of a live window: per frame, and at least. As many as for a complete
 // run would take a third of its time.
-constexpr int kWindowViews = 4, kMinWindowViews = 64;
+constexpr int kWindowViews = 2, kMinWindowViews = 32;
 
 std::uint64_t peak_memory_bytes() {
   rusage usage{};
@@ -44,10 +45,9 @@ Result<std::vector<float>> Trainer::importance() {
                                            : Progress{"train", run_progress(), -1, detail});
     return more || ranks_.size() > 1;  // ranks stop together, after a step
   };
-  const bool is_live = persistent_ != nullptr && persistent_->carries_moving();
   const int count =
-      is_live ? std::clamp(kWindowViews * capture_.frames, kMinWindowViews, kImportanceViews)
-              : kImportanceViews;
+      is_live() ? std::clamp(kWindowViews * capture_.frames, kMinWindowViews, kImportanceViews)
+                : kImportanceViews;
   const std::vector<ImportanceView> views =
       importance_views(with_refined_cameras(capture_, state_), count, parameters_.kernel);
   std::optional<std::vector<float>> importance =
@@ -62,10 +62,10 @@ void Trainer::find_persistent(PersistentSet& set) {
   const std::vector<std::uint32_t> persistent = list_persistent(state_, capture_.frames);
   std::vector<std::uint32_t> found;
   for (const std::uint32_t i : persistent) {
-    if (state_.is_fixed(i)) continue;
-    persist(state_, i, capture_.frames);
-    found.push_back(i);
+    if (!state_.is_fixed(i)) found.push_back(i);
   }
+  parallel_for(std::size_t{0}, found.size(),
+               [&](std::size_t k) { persist(state_, found[k], capture_.frames); });
   const std::size_t fixed = persistent.size() - found.size();
   stored_ = list_still(capture_, state_.set, found);
   if (static_cast<double>(stored_.size()) < kMinStoredShare * static_cast<double>(fixed))
@@ -126,14 +126,16 @@ TrainReport Trainer::report() const {
 
 Result<Scene> train(const PreparedCapture& capture, const TrainSettings& settings,
                     const ProgressSink& progress, const LogSink& log, TrainReport* report,
-                    PersistentSet* persistent) {
+                    const WindowState& window) {
   try {
+    PersistentSet* const persistent = window.persistent;
     STGS_ASSIGN(const std::unique_ptr<Trainer> trainer,
-                Trainer::create(capture, settings, persistent, progress, log));
+                Trainer::create(capture, settings, window, progress, log));
     STGS_TRY(trainer->run());
     if (persistent != nullptr) trainer->find_persistent(*persistent);
     Result<Scene> scene = trainer->scene();
     if (scene.ok() && report != nullptr) *report = trainer->report();
+    if (scene.ok() && window.backend != nullptr) *window.backend = trainer->take_backend();
     return scene;
   } catch (const std::bad_alloc&) {
     return runtime_error(

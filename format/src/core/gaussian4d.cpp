@@ -6,6 +6,8 @@
 #include <iterator>
 #include <utility>
 
+#include "stgs/format/parallel.h"
+
 namespace stgs {
 namespace {
 
@@ -105,11 +107,7 @@ Gaussians4D Gaussians4D::gather(const std::vector<std::uint32_t>& indices) const
   out.sh_degree = sh_degree;
   out.time_origin = time_origin;
   for_each_attribute(out, *this, [&indices](auto& to, const auto& from, int components) {
-    to.reserve(indices.size() * static_cast<std::size_t>(components));
-    for (std::uint32_t i : indices) {
-      const auto first = from.begin() + static_cast<std::ptrdiff_t>(i) * components;
-      to.insert(to.end(), first, first + components);
-    }
+    gather_rows(from, static_cast<std::size_t>(components), indices, to);
   });
   return out;
 }

@@ -118,6 +118,7 @@ class StreamEncoder {
   StreamSettings settings_;
   int later_iterations_ = 0;
   PersistentSet set_;
+  std::shared_ptr<TrainBackend> backend_;    // null before the first window, and after an error
   std::optional<Bounds> bounds_;             // none before the first window
   std::unique_ptr<SceneRecorder> recorder_;  // null before the first window
 };

@@ -19,6 +19,7 @@
 namespace stgs::encoder {
 
 class PersistentSet;
+class TrainBackend;
 
 // TrainParameters describes the numbers.
 struct TrainSettings {
@@ -138,16 +139,22 @@ struct TrainReport {
   std::vector<std::pair<std::string, std::string>> parameters;  // every hyper-parameter, as used
 };
 
+// What a window of a longer capture takes from the one before. Both are replaced by those of the
+// window; null for a capture that is trained as a whole.
+struct WindowState {
+  PersistentSet* persistent = nullptr;               // persistent_set.h
+  std::shared_ptr<TrainBackend>* backend = nullptr;  // with its memory; may point to null
+};
+
 // Trains and returns the lossless scene. With several ranks, only rank 0's scene has importances.
 // A cancelled run writes its checkpoint first and returns kRuntime.
 //
-// `persistent`: null, or for a window of a longer capture the persistent set of the previous window
-// (persistent_set.h), which is replaced by that of this window. The window renders the stored
-// primitives of the set unchanged. Its scene omits them and has two parts: the primitives that end
-// with the window, and those that it adds to the stored ones.
+// The scene of a window that has a persistent set omits the stored primitives, which it renders
+// unchanged. It has two parts: the primitives that end with the window, and those that it adds to
+// the stored ones.
 Result<Scene> train(const PreparedCapture& capture, const TrainSettings& settings,
                     const ProgressSink& progress, const LogSink& log, TrainReport* report,
-                    PersistentSet* persistent = nullptr);
+                    const WindowState& window = {});
 
 // Lists the backends that this build can train with, whether or not the machine supports them.
 std::vector<std::string> train_backends();

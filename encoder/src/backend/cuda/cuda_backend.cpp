@@ -93,7 +93,23 @@ Status CudaBackend::join(Ranks& ranks, std::unique_ptr<RankExchange> exchange) {
   return records_.ensure(kMaxInFlight * this->ranks());
 }
 
+bool CudaBackend::has_reserved(const TrainPlan& plan) const {
+  if (!reserved_ || ranks_ != nullptr) return false;
+  const TrainPlan& has = *reserved_;
+  return plan.primitives <= has.primitives && plan.sh_coefficients == has.sh_coefficients &&
+         plan.width <= has.width && plan.height <= has.height && plan.coupled == has.coupled &&
+         plan.normals <= has.normals && plan.rounding <= has.rounding && !plan.perceptual &&
+         !has.perceptual;
+}
+
 Status CudaBackend::reserve(const TrainPlan& plan) {
+  STGS_TRY(collect(true));
+  outputs_.clear();
+  if (has_reserved(plan)) {
+    image_cache_.clear();  // images of the previous window
+    return {};
+  }
+  reserved_.reset();
   STGS_TRY(image_cache_.release_memory());
   const std::size_t pixels = std::size_t{1} * plan.width * plan.height;
   const std::size_t instances = initial_instances(plan.primitives);
@@ -128,7 +144,9 @@ Status CudaBackend::reserve(const TrainPlan& plan) {
            .ok()) {
     return too_little_memory(plan, need, free, total, perceptual_bytes);
   }
-  return resize_image_cache();
+  STGS_TRY(resize_image_cache());
+  reserved_ = plan;
+  return {};
 }
 
 Status CudaBackend::resize_image_cache() {

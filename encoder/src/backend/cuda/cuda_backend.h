@@ -11,6 +11,7 @@
 #include <array>
 #include <deque>
 #include <memory>
+#include <optional>
 
 #include "backend/backend.h"
 #include "backend/cuda/densifier.h"
@@ -63,6 +64,8 @@ class CudaBackend final : public TrainBackend {
     std::size_t slot;  // of its record and event
   };
 
+  // Whether the memory reserved before suffices for a plan.
+  bool has_reserved(const TrainPlan& plan) const;
   Status enqueue(const StepInput& input);
   // Reserves memory for a step and returns its capacity in tile instances. Evicts cached images if
   // memory is short.
@@ -88,6 +91,7 @@ class CudaBackend final : public TrainBackend {
   std::size_t instance_capacity() const;
 
   std::string name_;
+  std::optional<TrainPlan> reserved_;
   Ranks* ranks_ = nullptr;  // null: this process trains alone
   std::unique_ptr<RankExchange> exchange_;
   Stream stream_;

@@ -6,9 +6,11 @@
 #include <algorithm>
 #include <atomic>
 #include <cstddef>
+#include <cstdint>
 #include <exception>
 #include <mutex>
 #include <optional>
+#include <vector>
 
 #include "stgs/format/task_runner.h"
 
@@ -117,6 +119,18 @@ void parallel_for(Index begin, Index end, const Body& body) {
   const auto grain = std::max<std::size_t>(static_cast<std::size_t>(end - begin) / blocks, 1);
   parallel_blocks(begin, end, static_cast<Index>(grain), [&body](Index first, Index last) {
     for (Index i = first; i < last; ++i) body(i);
+  });
+}
+
+// Sets `to` to the rows of `components` values of `from` with these indices.
+template <typename Array>
+void gather_rows(const Array& from, std::size_t components,
+                 const std::vector<std::uint32_t>& indices, Array& to) {
+  constexpr std::size_t kGrain = 4096;  // rows
+  to.resize(indices.size() * components);
+  parallel_blocks(std::size_t{0}, indices.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t k = begin; k < end; ++k)
+      std::copy_n(from.data() + indices[k] * components, components, to.data() + k * components);
   });
 }
 
