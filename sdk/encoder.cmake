@@ -3,6 +3,8 @@
 # on the libraries for preparing and training.
 add_library(stgs_encoder_sdk_objects OBJECT
   src/encoder/encoder.cpp
+  src/encoder/live.cpp
+  src/encoder/live_settings.cpp
   src/encoder/pack.cpp
   src/encoder/prepare.cpp
   src/encoder/recorder.cpp

@@ -47,8 +47,8 @@ foreach(component encoder encoder_static)
   install(EXPORT stgs-${component} NAMESPACE stgs:: COMPONENT encoder_dev
           DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/stgs)
 endforeach()
-install(FILES include/stgs/stgs_encoder.h include/stgs/stgs_encoder_recorder.h
-              include/stgs/stgs_encoder.hpp
+install(FILES include/stgs/stgs_encoder.h include/stgs/stgs_encoder_live.h
+              include/stgs/stgs_encoder_recorder.h include/stgs/stgs_encoder.hpp
         DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/stgs COMPONENT encoder_dev)
 set(examples ${CMAKE_INSTALL_DATADIR}/doc/libstgs-encoder-dev/examples)
 install(FILES examples/encode.c examples/telepresence_recorder.cpp

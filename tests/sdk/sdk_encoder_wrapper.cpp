@@ -12,3 +12,20 @@ std::uint64_t encoded_bytes(const std::string& capture, const std::string& outpu
   encoder.train(output + ".prepared", output + ".trained");
   return encoder.pack({output + ".trained"}, output).bytes_out;
 }
+
+std::uint64_t filmed_frames(const std::string& rig, const void* pixels);
+std::uint64_t filmed_frames(const std::string& rig, const void* pixels) {
+  stgs_live_settings settings = stgs::live_settings();
+  settings.rig = rig.c_str();
+  std::uint64_t written = 0;
+  stgs::Live live;
+  live.start("live.stgs", settings,
+             [&](const stgs_live_window& window) { written += window.frames; });
+  stgs_live_image image = stgs::live_image();
+  image.data = pixels;
+  image.width = image.height = 64;
+  live.push("left", 0, image);
+  live.end_camera("left");
+  live.finish();
+  return written + live.report().frames;
+}

@@ -8,6 +8,7 @@
 
 #include "catch.h"
 #include "encode_options.h"
+#include "encoder/live_parameters.h"
 #include "encoder/record_parameters.h"
 #include "fixtures/temporary_folder.h"
 #include "parameter_reference.h"
@@ -183,6 +184,8 @@ TEST_CASE("the C interface has the defaults of the tables, and its headers state
   recorded.quality = WriteSettings{}.quality;
   check_c_defaults<sdk::RecordParameters>(recorded, record, "stgs_encoder_recorder.h",
                                           "stgs_record_settings");
+  const auto live = defaults_of(stgs_live_settings_defaults);
+  check_c_defaults<sdk::LiveParameters>(live, live, "stgs_encoder_live.h", "stgs_live_settings");
 }
 
 TEST_CASE("the C interface checks the ranges of the tables") {
@@ -225,6 +228,19 @@ TEST_CASE("the C interface checks the ranges of the tables") {
         stgs_recorder_destroy(recorder);
         return text;
       });
+  stgs_live_settings rig = defaults_of(stgs_live_settings_defaults);
+  rig.rig = none.c_str();
+  check_c_ranges<sdk::LiveParameters>(rig, [&](const stgs_live_settings& s) {
+    stgs_live* live = nullptr;
+    REQUIRE(stgs_live_create(&live) == STGS_OK);
+    CHECK(stgs_live_start(live, (none + "/x.stgs").c_str(), &s) != STGS_OK);
+    stgs_error error{};
+    error.struct_size = sizeof error;
+    REQUIRE(stgs_live_error(live, &error) == STGS_OK);
+    const std::string text = error.message;
+    stgs_live_destroy(live);
+    return text;
+  });
 }
 
 TEST_CASE("the program has the options of the tables") {

@@ -107,12 +107,12 @@ class Live final : public Command {
     app.add_option("-o,--output", output_, "Output file (.stgs), which must not exist")->required();
     app.add_option("--fps", fps_,
                    "Frames per second (default: the value of the calibration or of its videos)")
-        ->check(number_between(0.1, 1000));
+        ->check(number_between(encoder::kLiveFps.min, encoder::kLiveFps.max));
     app.add_option(
            "--latency", settings_.latency,
            "Target from filming a frame to writing it, seconds; a third of it is the length "
            "of a window, at least 8 frames")
-        ->check(number_between(0.1, 60))
+        ->check(number_between(encoder::kLiveLatency.min, encoder::kLiveLatency.max))
         ->capture_default_str();
     app.add_option("--duration", duration_, "End after this time (default: no limit), seconds")
         ->check(number_between(0.1, 1e7));

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "camera_plan.h"
+#include "capture_files.h"
 #include "geometry/view_matcher.h"
 #include "init/background.h"
 #include "init_settings.h"
@@ -21,35 +22,50 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kSettleSeconds = 8;  // after which static content becomes background
+constexpr double kSettleSeconds = 8;      // after which static content becomes background
+constexpr const char* kGivenRig = "rig";  // its name in messages
+
+Result<SourceCamera> source_of(const RigCamera& given) {
+  SourceCamera camera;
+  camera.name = given.name;
+  const std::string where = fmt::format("{}: camera '{}'", kGivenRig, given.name);
+  STGS_TRY(
+      set_intrinsics({given.fx, 0, given.cx, 0, given.fy, given.cy, 0, 0, 1}, 0.5, where, camera));
+  STGS_TRY(set_pose({given.world_to_camera.begin(), given.world_to_camera.end()}, where, camera));
+  if (given.fisheye || !given.distortion.empty())
+    STGS_TRY(set_distortion(given.distortion, given.fisheye, where, camera));
+  if (given.width != 0 || given.height != 0)
+    STGS_TRY(set_size(given.width, given.height, where, camera));
+  return camera;
+}
+
+Result<SourceCapture> source_of(const std::vector<RigCamera>& cameras) {
+  SourceCapture rig;
+  rig.layout = Layout::kVideos;
+  rig.folder = kGivenRig;
+  for (const RigCamera& camera : cameras) {
+    STGS_ASSIGN(rig.cameras.emplace_back(), source_of(camera));
+  }
+  STGS_TRY(check_source(rig, true));
+  return rig;
+}
 
 class Rig final : public LivePreparer {
  public:
   Rig(PrepareSettings settings, std::string name)
       : settings_(std::move(settings)), name_(std::move(name)) {}
 
+  Status open(const std::vector<RigCamera>& cameras, double fps) {
+    STGS_ASSIGN(source_, source_of(cameras));
+    return take_cameras(fps);
+  }
+
   Status open(double fps, const LogSink& log) {
     STGS_TRY(load(log));
-    std::erase_if(source_.cameras, [](const SourceCamera& camera) { return camera.test; });
-    if (source_.cameras.size() < 2) {
-      return invalid_file("{}: {} that is not held out (expected at least 2)", name_,
-                          plural(source_.cameras.size(), "camera"));
-    }
-    fps_ = fps > 0 ? fps : source_.fps;
-    if (fps_ == 0 && !source_.cameras.front().video.empty()) {
-      STGS_ASSIGN(const FrameInfo video, probe_frames(*source_.files, source_.cameras.front()));
-      fps_ = video.fps;
-    }
-    if (!(fps_ >= 0.1 && fps_ <= 1000)) {
-      return usage_error("{}: no usable frame rate (expected 0.1 to 1000 fps, got {}); set --fps",
-                         name_, fps_);
-    }
-    for (const SourceCamera& camera : source_.cameras) {
-      const std::string& recorded =
-          camera.video.empty() && !camera.images.empty() ? camera.images.front() : camera.video;
-      cameras_.push_back({camera.name, camera.live_source.empty() ? recorded : camera.live_source});
-    }
-    mapped_.resize(cameras_.size());
+    return take_cameras(fps);
+  }
+
+  Status choose_backend(const LogSink& log) {
     STGS_ASSIGN(sweeper_, geometry::make_hull_sweeper(settings_.backend, log));
     return {};
   }
@@ -67,6 +83,7 @@ class Rig final : public LivePreparer {
 
   Status read_source(std::size_t camera, const LiveFrameSink& sink,
                      const std::function<bool()>& stopped, const LogSink& log) override {
+    STGS_TRY(check_has_sources());
     std::call_once(started_, [this] { clock_.start(fps_); });
     const auto convert_and_push = [&](double seconds, const cv::Mat& bgr) -> Status {
       STGS_ASSIGN(Image8 frame, convert(camera, {bgr.data, bgr.cols, bgr.rows, bgr.step[0], true}));
@@ -82,6 +99,7 @@ class Rig final : public LivePreparer {
   }
 
   Status check_sources() const override {
+    STGS_TRY(check_has_sources());
     for (const SourceCamera& camera : source_.cameras)
       STGS_TRY(check_live_source(*source_.files, camera, settings_.allow_outside));
     return {};
@@ -135,6 +153,35 @@ class Rig final : public LivePreparer {
     explicit Mapped(CameraPlan made) : plan(std::move(made)), mapping(plan) {}
   };
 
+  Status check_has_sources() const {
+    if (source_.files) return {};
+    return usage_error("{}: its cameras have no sources; push their frames", name_);
+  }
+
+  Status take_cameras(double fps) {
+    std::erase_if(source_.cameras, [](const SourceCamera& camera) { return camera.test; });
+    if (source_.cameras.size() < 2) {
+      return invalid_file("{}: {} that is not held out (expected at least 2)", name_,
+                          plural(source_.cameras.size(), "camera"));
+    }
+    fps_ = fps > 0 ? fps : source_.fps;
+    if (fps_ == 0 && !source_.cameras.front().video.empty()) {
+      STGS_ASSIGN(const FrameInfo video, probe_frames(*source_.files, source_.cameras.front()));
+      fps_ = video.fps;
+    }
+    if (!(fps_ >= kLiveFps.min && fps_ <= kLiveFps.max)) {
+      return usage_error("{}: no usable frame rate (expected {} to {} fps, got {}); set --fps",
+                         name_, kLiveFps.min, kLiveFps.max, fps_);
+    }
+    for (const SourceCamera& camera : source_.cameras) {
+      const std::string& recorded =
+          camera.video.empty() && !camera.images.empty() ? camera.images.front() : camera.video;
+      cameras_.push_back({camera.name, camera.live_source.empty() ? recorded : camera.live_source});
+    }
+    mapped_.resize(cameras_.size());
+    return {};
+  }
+
   Status load(const LogSink& log) {
     try {
       const bool is_file = fs::is_regular_file(name_);
@@ -169,13 +216,15 @@ class Rig final : public LivePreparer {
           "{}x{})",
           cameras_[camera].name, size.width, size.height, image.width, image.height);
     }
-    const cv::Mat source(image.height, image.width, CV_8UC3, const_cast<std::uint8_t*>(image.data),
-                         image.stride);
+    const cv::Mat source(image.height, image.width, image.has_alpha ? CV_8UC4 : CV_8UC3,
+                         const_cast<std::uint8_t*>(image.data), image.stride);
     const cv::Mat out = mapped->mapping.frame(source);
     Image8 frame{out.cols, out.rows, 3, {}};
     frame.data.resize(out.total() * 3);
     cv::Mat target(out.size(), CV_8UC3, frame.data.data());
-    if (image.bgr)
+    if (image.has_alpha)
+      cv::cvtColor(out, target, image.bgr ? cv::COLOR_BGRA2RGB : cv::COLOR_RGBA2RGB);
+    else if (image.bgr)
       cv::cvtColor(out, target, cv::COLOR_BGR2RGB);
     else
       out.copyTo(target);
@@ -204,6 +253,18 @@ Result<std::unique_ptr<LivePreparer>> LivePreparer::open(const std::string& rig,
   const LogSink log_or_none = log ? log : [](int, const std::string&) {};
   auto opened = std::make_unique<Rig>(settings, rig);
   STGS_TRY(opened->open(fps, log_or_none));
+  STGS_TRY(opened->choose_backend(log_or_none));
+  return std::unique_ptr<LivePreparer>(std::move(opened));
+}
+
+Result<std::unique_ptr<LivePreparer>> LivePreparer::open(const std::vector<RigCamera>& cameras,
+                                                         const PrepareSettings& settings,
+                                                         double fps) {
+  auto opened = std::make_unique<Rig>(settings, kGivenRig);
+  const Status status = opened->open(cameras, fps);
+  // No file is invalid, but the argument is.
+  if (!status.ok()) return usage_error("{}", status.message());
+  STGS_TRY(opened->choose_backend({}));
   return std::unique_ptr<LivePreparer>(std::move(opened));
 }
 

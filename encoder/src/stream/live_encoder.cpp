@@ -81,6 +81,10 @@ Result<std::unique_ptr<LiveEncoder>> LiveEncoder::open(LivePreparer& preparer,
 }
 
 LiveEncoder::~LiveEncoder() {
+  stop();
+}
+
+void LiveEncoder::stop() {
   {
     const std::lock_guard lock(mutex_);
     stopped_ = true;
@@ -115,6 +119,7 @@ void LiveEncoder::fail(const Status& status) {
 }
 
 void LiveEncoder::prepare_windows() {
+  const ScopedTaskRunner use(settings_.tasks);
   const Status status = without_exceptions("preparing", [this] { return prepare_all(); });
   if (!status.ok()) fail(status);
   const std::lock_guard lock(mutex_);
@@ -229,6 +234,7 @@ Result<bool> LiveEncoder::prepare_next(int index) {
 }
 
 void LiveEncoder::train_windows() {
+  const ScopedTaskRunner use(settings_.tasks);
   const Status status = without_exceptions("training", [this] { return train_all(); });
   if (!status.ok()) fail(status);
   const std::lock_guard lock(mutex_);

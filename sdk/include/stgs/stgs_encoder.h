@@ -7,7 +7,8 @@
  *   stgs_encoder_pack(encoder, &trained, 1, "scene.stgs", NULL, &report);
  *   stgs_encoder_destroy(encoder);
  *
- * stgs_encoder_recorder.h, which this header includes, records scenes live.
+ * This header includes two others: stgs_encoder_live.h encodes a rig while it films;
+ * stgs_encoder_recorder.h records primitives that an application produces.
  *
  * The general rules of stgs.h apply. A call returns when its work has completed, failed or been
  * cancelled. Outputs appear complete or not at all; until then existing files stay.
@@ -361,6 +362,7 @@ STGS_API stgs_result stgs_encoder_pack(stgs_encoder* encoder, const char* const*
 #endif
 
 /* The rest of the library, which needs the declarations above. */
+#include "stgs/stgs_encoder_live.h"
 #include "stgs/stgs_encoder_recorder.h"
 
 #endif

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
-/// C++17 wrapper of stgs_encoder.h: encoders and recorders that release themselves, errors as
-/// exceptions. Header-only. The rules of the C headers on threads, ownership and ranges apply.
+/// C++17 wrapper of stgs_encoder.h: encoders, live sessions and recorders that release
+/// themselves, errors as exceptions. Header-only. The rules of the C headers on threads, ownership
+/// and ranges apply.
 #ifndef STGS_STGS_ENCODER_HPP
 #define STGS_STGS_ENCODER_HPP
 
@@ -108,6 +109,84 @@ class Encoder {
   };
   std::unique_ptr<Progress> progress_;  // on the heap: its address survives a move of the encoder
   std::unique_ptr<stgs_encoder, Destroy> encoder_;
+};
+
+/// Throws Error with the session's message unless the result of a call on it is STGS_OK.
+inline void check(stgs_result result, const stgs_live* live) {
+  if (result == STGS_OK) return;
+  auto error = detail::sized<stgs_error>();
+  if (stgs_live_error(live, &error) != STGS_OK) throw Error(result, {});
+  throw Error(result, error.message, error.offset, error.issue);
+}
+
+/// Returns a camera at the world origin without name and focal lengths.
+inline stgs_live_camera live_camera() {
+  return detail::with_defaults<stgs_live_camera>(stgs_live_camera_defaults);
+}
+/// Returns the default settings of a live session, which lack a rig.
+inline stgs_live_settings live_settings() {
+  return detail::with_defaults<stgs_live_settings>(stgs_live_settings_defaults);
+}
+/// Returns an image without pixels.
+inline stgs_live_image live_image() {
+  return detail::with_defaults<stgs_live_image>(stgs_live_image_defaults);
+}
+
+/// Encodes a rig while it films.
+class Live {
+ public:
+  /// Receives windows like stgs_live_window_fn. Must not throw.
+  using Window = std::function<void(const stgs_live_window&)>;
+
+  /// Creates a session without a recording.
+  Live() {
+    stgs_live* live = nullptr;
+    check(stgs_live_create(&live));
+    live_.reset(live);
+  }
+
+  /// Starts the session. `window` replaces the callback of the settings if it is not empty.
+  void start(const std::string& recording, stgs_live_settings settings, Window window = {}) {
+    auto called = std::make_unique<Window>(std::move(window));
+    if (*called) {
+      settings.window = [](void* user, const stgs_live_window* written) {
+        (*static_cast<const Window*>(user))(*written);
+      };
+      settings.window_user = called.get();
+    }
+    check(stgs_live_start(get(), recording.c_str(), &settings), get());
+    window_ = std::move(called);
+  }
+  /// Adds an image of a camera. Different threads may serve different cameras.
+  void push(const std::string& camera, double seconds, const stgs_live_image& image) {
+    check(stgs_live_push(get(), camera.c_str(), seconds, &image), get());
+  }
+  /// Ends a camera.
+  void end_camera(const std::string& camera) {
+    check(stgs_live_end_camera(get(), camera.c_str()), get());
+  }
+  /// Returns the totals so far.
+  stgs_live_report report() const {
+    auto report = detail::sized<stgs_live_report>();
+    check(stgs_live_get_report(get(), &report), get());
+    return report;
+  }
+  /// Encodes the images that wait and completes the recording.
+  void finish() { check(stgs_live_finish(get(), nullptr), get()); }
+  /// Encodes the images that wait and writes the complete scene to another file.
+  void finish(const std::string& output) { check(stgs_live_finish(get(), output.c_str()), get()); }
+  /// Cancels the session. May be called on any thread.
+  void cancel() { stgs_live_cancel(get()); }
+
+  /// Returns the C object, which this object owns.
+  stgs_live* get() const { return live_.get(); }
+
+ private:
+  struct Destroy {
+    void operator()(stgs_live* live) const { stgs_live_destroy(live); }
+  };
+  std::unique_ptr<Window> window_;  // on the heap: its address survives a move of the session
+  std::unique_ptr<stgs_live, Destroy> live_;  // destroyed first: it calls the window
 };
 
 /// Throws Error with the recorder's message unless the result of a call on it is STGS_OK.

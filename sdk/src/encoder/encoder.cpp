@@ -66,6 +66,13 @@ std::unique_ptr<TaskRunner> make_thread_pool(std::uint32_t threads) {
   return std::make_unique<ThreadPool>(static_cast<int>(threads));
 }
 
+encoder::LogSink log_sink(const Log& log) {
+  return [log](int level, const std::string& line) {
+    constexpr int kDebug = 3;
+    if (level < kDebug) log(level_of(level), line);
+  };
+}
+
 Outcome run_work(stgs_encoder& encoder, const EncoderWork& work) {
   if (encoder.cancelled) {
     return {STGS_ERROR_CANCELLED, "the encoder was cancelled; create another encoder"};
@@ -75,11 +82,7 @@ Outcome run_work(stgs_encoder& encoder, const EncoderWork& work) {
   const encoder::ProgressSink progress = [&](const encoder::Progress& p) {
     return reporter.should_continue(p);
   };
-  const Log caller_log{settings.log, settings.log_user};
-  const encoder::LogSink log = [&](int level, const std::string& line) {
-    constexpr int kDebug = 3;
-    if (level < kDebug) caller_log(level_of(level), line);
-  };
+  const encoder::LogSink log = log_sink({settings.log, settings.log_user});
   if (encoder.threads == nullptr) encoder.threads = make_thread_pool(settings.threads);
   const ScopedTaskRunner use(encoder.threads.get());
   Outcome outcome = work(progress, log);
@@ -123,6 +126,45 @@ Outcome check_backend(stgs_backend backend) {
 const char* backend_name(stgs_backend backend) {
   constexpr const char* kNames[] = {"auto", "cpu", "cuda"};
   return kNames[backend];
+}
+
+Outcome check_preset(stgs_preset preset) {
+  return check_range("preset", preset, STGS_PRESET_DEFAULT, STGS_PRESET_BEST);
+}
+
+const char* preset_name(stgs_preset preset) {
+  constexpr const char* kNames[] = {"default", "fast", "best"};
+  return kNames[preset];
+}
+
+Outcome check_overrides(const stgs_parameter* parameters, std::uint32_t count) {
+  if (count > 0 && parameters == nullptr) {
+    return {STGS_ERROR_ARGUMENT,
+            fmt::format("settings: parameters is NULL, but parameter_count is {}", count)};
+  }
+  for (std::uint32_t i = 0; i < count; ++i) {
+    if (parameters[i].name == nullptr || parameters[i].value == nullptr) {
+      return {STGS_ERROR_ARGUMENT,
+              fmt::format("settings: parameters[{}] has a NULL name or value", i)};
+    }
+  }
+  return {};
+}
+
+std::vector<std::pair<std::string, std::string>> overrides_of(const stgs_parameter* parameters,
+                                                              std::uint32_t count) {
+  std::vector<std::pair<std::string, std::string>> out;
+  for (std::uint32_t i = 0; i < count; ++i)
+    out.emplace_back(parameters[i].name, parameters[i].value);
+  return out;
+}
+
+Outcome check_text(const char* field, const char* text) {
+  constexpr std::size_t kMaxBytes = 4096;
+  const std::size_t bytes = text_of(text).size();
+  if (bytes <= kMaxBytes) return {};
+  return {STGS_ERROR_ARGUMENT,
+          fmt::format("settings: {} has {} bytes (expected at most {})", field, bytes, kMaxBytes)};
 }
 
 Outcome check_path(const char* argument, const char* path) {

@@ -6,6 +6,8 @@
 #include <functional>
 #include <memory>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "object.h"
 #include "stgs/encoder/progress.h"
@@ -28,6 +30,9 @@ inline constexpr std::uint32_t kMaxThreads = 1024;
 
 // Returns a pool of `threads` threads; null for 0: the default pool.
 std::unique_ptr<TaskRunner> make_thread_pool(std::uint32_t threads);
+
+// Returns a sink for the caller's log, which receives no debug lines.
+encoder::LogSink log_sink(const Log& log);
 
 // Runs `work` with the threads, progress and log of an encoder. Returns STGS_ERROR_CANCELLED if it
 // failed because it was cancelled.
@@ -56,9 +61,18 @@ Outcome check_frames(std::int32_t first, std::int32_t end);
 // Checks the backend of an encoder, and returns its name.
 Outcome check_backend(stgs_backend backend);
 const char* backend_name(stgs_backend backend);
+// Checks a preset, and returns its name.
+Outcome check_preset(stgs_preset preset);
+const char* preset_name(stgs_preset preset);
+// Checks that overrides of hyperparameters are complete, and returns them.
+Outcome check_overrides(const stgs_parameter* parameters, std::uint32_t count);
+std::vector<std::pair<std::string, std::string>> overrides_of(const stgs_parameter* parameters,
+                                                              std::uint32_t count);
 // Checks that a path is neither NULL nor empty.
 Outcome check_path(const char* argument, const char* path);
 
+// Checks that a text of the metadata is not too long.
+Outcome check_text(const char* field, const char* text);
 // Returns the caller's text; NULL is empty.
 inline std::string text_of(const char* text) {
   return text == nullptr ? std::string() : std::string(text);

@@ -33,7 +33,6 @@ namespace {
 
 constexpr std::uint64_t kMaxPrimitives = 200'000'000;
 constexpr float kMinOpacity = 0.001f, kMaxOpacity = 0.999f;  // with finite logits
-constexpr std::size_t kMaxText = 4096;                       // bytes
 
 stgs_record_settings default_record_settings() {
   const RecordSettings defaults;
@@ -54,13 +53,6 @@ stgs_fragment default_fragment() {
   fragment.struct_size = sizeof(fragment);
   fragment.frames = 1;
   return fragment;
-}
-
-Outcome check_text(const char* field, const char* text) {
-  const std::size_t bytes = text_of(text).size();
-  if (bytes <= kMaxText) return {};
-  return {STGS_ERROR_ARGUMENT,
-          fmt::format("settings: {} has {} bytes (expected at most {})", field, bytes, kMaxText)};
 }
 
 Outcome check(const stgs_record_settings& s) {

@@ -22,36 +22,20 @@ stgs_train_settings default_train_settings() {
   return settings;
 }
 
-Outcome check_parameters(const stgs_train_settings& s) {
-  if (s.parameter_count > 0 && s.parameters == nullptr) {
-    return {
-        STGS_ERROR_ARGUMENT,
-        fmt::format("settings: parameters is NULL, but parameter_count is {}", s.parameter_count)};
-  }
-  for (std::uint32_t i = 0; i < s.parameter_count; ++i) {
-    if (s.parameters[i].name == nullptr || s.parameters[i].value == nullptr) {
-      return {STGS_ERROR_ARGUMENT,
-              fmt::format("settings: parameters[{}] has a NULL name or value", i)};
-    }
-  }
-  return {};
-}
-
 Outcome check(const stgs_train_settings& s) {
-  STGS_SDK_TRY(check_range("preset", s.preset, STGS_PRESET_DEFAULT, STGS_PRESET_BEST));
+  STGS_SDK_TRY(check_preset(s.preset));
   STGS_SDK_TRY(check_backend(s.backend));
   STGS_SDK_TRY(check_ranges<encoder::TrainParameters>(s));
   STGS_SDK_TRY(check_frames(s.first_frame, s.end_frame));
   STGS_SDK_TRY(check_flag("allow_outside", s.allow_outside));
   STGS_SDK_TRY(check_flag("refine_cameras", s.refine_cameras));
   STGS_SDK_TRY(check_flag("foreground", s.foreground));
-  return check_parameters(s);
+  return check_overrides(s.parameters, s.parameter_count);
 }
 
 encoder::TrainSettings training_of(const stgs_train_settings& s) {
-  constexpr const char* kPresets[] = {"default", "fast", "best"};
   encoder::TrainSettings settings;
-  settings.preset = kPresets[s.preset];
+  settings.preset = preset_name(s.preset);
   settings.backend = backend_name(s.backend);
   copy_parameters<encoder::TrainParameters>(s, settings);
   settings.seed = s.seed;
@@ -62,9 +46,7 @@ encoder::TrainSettings training_of(const stgs_train_settings& s) {
   settings.perceptual_weights = text_of(s.perceptual_weights);
   settings.refine_cameras = s.refine_cameras != 0;
   settings.foreground = s.foreground != 0;
-  for (std::uint32_t i = 0; i < s.parameter_count; ++i) {
-    settings.overrides.emplace_back(s.parameters[i].name, s.parameters[i].value);
-  }
+  settings.overrides = overrides_of(s.parameters, s.parameter_count);
   return settings;
 }
 

@@ -20,6 +20,8 @@
 
 #include "stgs/encoder/live_preparer.h"
 #include "stgs/encoder/stream_encoder.h"
+#include "stgs/format/parameter.h"
+#include "stgs/format/task_runner.h"
 
 namespace stgs::encoder {
 
@@ -36,7 +38,11 @@ struct LiveSettings {
   // Wait for all cameras after the first image; then it starts with those that deliver.
   double start_seconds = 10;
   std::uint64_t queue_bytes = 0;  // of frames that wait; 0: a quarter of the available memory
+  TaskRunner* tasks = nullptr;    // of both threads, outlives the encoder; null: the default pool
 };
+
+inline constexpr Parameter kLiveLatency = {"latency", 0.1, 60,
+                                           "Target from filming a frame to writing it", "seconds"};
 
 // A window that was written or lost.
 struct LiveWindow {
@@ -76,7 +82,7 @@ class LiveEncoder {
                                                    const std::string& folder,
                                                    const LiveSettings& settings,
                                                    LiveWindowSink windows, LogSink log);
-  // Stops without encoding the frames that wait. The recording remains.
+  // Stops as stop().
   ~LiveEncoder();
   LiveEncoder(const LiveEncoder&) = delete;
   LiveEncoder& operator=(const LiveEncoder&) = delete;
@@ -91,6 +97,8 @@ class LiveEncoder {
   // Returns the totals so far. Thread-safe.
   LiveReport report() const;
 
+  // Stops without encoding the frames that wait. The recording remains. Only report() may follow.
+  void stop();
   // Ends all cameras, encodes the frames that wait and writes the finished file to `output`, which
   // may be the recording. Returns the error that ended the encoding, if any: then the recording
   // remains as it is. Nothing may be pushed afterwards.

@@ -2,6 +2,7 @@
 // The cameras of a rig that films now, and the preparation of their frames window by window.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -12,9 +13,13 @@
 #include "stgs/encoder/prepare.h"
 #include "stgs/encoder/prepared_capture.h"
 #include "stgs/encoder/progress.h"
+#include "stgs/format/parameter.h"
 #include "stgs/format/status.h"
 
 namespace stgs::encoder {
+
+inline constexpr Parameter kLiveFps = {
+    "fps", 0.1, 1000, "Frames per second of the rig", "", "the value of the rig"};
 
 // A camera of a rig.
 struct LiveCamera {
@@ -23,12 +28,23 @@ struct LiveCamera {
   std::string source;
 };
 
-// An image in the caller's memory: 8 bits per channel, 3 channels.
+// The calibration of a camera whose frames the application pushes.
+struct RigCamera {
+  std::string name;
+  int width = 0, height = 0;               // image size of the intrinsics; 0: that of the frames
+  double fx = 0, fy = 0, cx = 0, cy = 0;   // pixels; the centre of the first pixel is at 0.5
+  bool fisheye = false;                    // the distortion is that of OpenCV's fisheye model
+  std::vector<double> distortion;          // k1 k2 p1 p2 [k3 [k4 k5 k6]]; fisheye: k1 k2 k3 k4
+  std::array<double, 12> world_to_camera;  // 3x4, row-major, OpenCV axes
+};
+
+// An image in the caller's memory, 8 bits per channel.
 struct LiveImage {
   const std::uint8_t* data = nullptr;
   int width = 0, height = 0;  // pixels
   std::size_t stride = 0;     // bytes between rows
   bool bgr = false;           // the order of the channels; false: RGB
+  bool has_alpha = false;     // a fourth channel follows, which is ignored
 };
 
 // Receives the frames of a source: seconds on the clock of the rig, which ascend unless the source
@@ -45,6 +61,10 @@ class LivePreparer {
   static Result<std::unique_ptr<LivePreparer>> open(const std::string& rig,
                                                     const PrepareSettings& settings, double fps,
                                                     const LogSink& log);
+  // Uses the given calibration, without sources. `fps`: as above, not 0. kUsage for an invalid
+  // camera, or fewer than two.
+  static Result<std::unique_ptr<LivePreparer>> open(const std::vector<RigCamera>& cameras,
+                                                    const PrepareSettings& settings, double fps);
   virtual ~LivePreparer() = default;
 
   virtual const std::vector<LiveCamera>& cameras() const = 0;
