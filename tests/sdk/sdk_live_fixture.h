@@ -3,6 +3,7 @@
 #pragma once
 
 #include <chrono>
+#include <cmath>
 #include <thread>
 
 #include "sdk_recorder_fixture.h"
@@ -122,6 +123,34 @@ struct FilmedCapture {
       for (std::size_t c = 0; c < cameras.size(); ++c) REQUIRE(push(live, c, frame) == STGS_OK);
   }
 };
+
+// PSNR in dB of frames that the scene shows, as the held-out camera sees them.
+inline double psnr_of(const FilmedCapture& filmed, const ScenePtr& scene,
+                      std::initializer_list<int> frames) {
+  const encoder::PreparedCapture& capture = filmed.synthetic.capture;
+  const encoder::Camera& camera = *std::find_if(capture.cameras.begin(), capture.cameras.end(),
+                                                [](const auto& c) { return c.test; });
+  stgs_view view = small_view();
+  view.width = static_cast<std::uint32_t>(camera.width);
+  view.height = static_cast<std::uint32_t>(camera.height);
+  view.fx = static_cast<float>(camera.fx);
+  view.fy = static_cast<float>(camera.fy);
+  view.cx = static_cast<float>(camera.cx);
+  view.cy = static_cast<float>(camera.cy);
+  for (int i = 0; i < 9; ++i) view.rotation[i] = static_cast<float>(camera.rotation[i]);
+  for (int i = 0; i < 3; ++i) view.translation[i] = static_cast<float>(camera.translation[i]);
+  const RendererPtr renderer = cpu_renderer();
+  double squares = 0, values = 0;
+  for (const int frame : frames) {
+    const auto shown = render_rgba8(renderer.get(), scene.get(), frame / filmed.kFps, view);
+    const encoder::Image8 expected = *encoder::load_frame(capture, camera, frame);
+    for (std::size_t i = 0; i < expected.data.size(); ++i) {
+      squares += std::pow(int{shown[4 * (i / 3) + i % 3]} - int{expected.data[i]}, 2);
+      ++values;
+    }
+  }
+  return 10 * std::log10(255.0 * 255.0 * values / squares);
+}
 
 inline void wait_for_windows(const LivePtr& live, std::uint32_t windows) {
   while (report_of(live).windows < windows && report_of(live).ended == 0)

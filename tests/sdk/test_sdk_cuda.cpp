@@ -1,10 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The C API rendering into memory of a CUDA device, compared with its own CPU renderer.
-#include <cuda_runtime_api.h>
-
-#include <atomic>
 #include <cmath>
 
+#include "sdk_cuda_fixture.h"
 #include "sdk_fixture.h"
 #include "stgs/stgs_cuda.h"
 
@@ -12,12 +10,6 @@ namespace stgs::testing {
 namespace {
 
 constexpr double kTime = 0.4;  // seconds
-constexpr std::uint8_t kGuard = 0xA5;
-
-void require_success(cudaError_t error) {
-  INFO(cudaGetErrorString(error));
-  REQUIRE(error == cudaSuccess);
-}
 
 RendererPtr cuda_renderer() {
   stgs_renderer_settings settings;
@@ -28,54 +20,12 @@ RendererPtr cuda_renderer() {
   return RendererPtr(renderer);
 }
 
-// A stream that does not synchronise with the default stream.
-struct Stream {
-  cudaStream_t handle = nullptr;
-  Stream() { require_success(cudaStreamCreateWithFlags(&handle, cudaStreamNonBlocking)); }
-  ~Stream() { cudaStreamDestroy(handle); }
-};
-
-// Device memory filled with kGuard.
-struct DeviceMemory {
-  std::uint8_t* data = nullptr;
-  std::size_t bytes;
-  explicit DeviceMemory(std::size_t n) : bytes(n) {
-    void* allocated = nullptr;
-    require_success(cudaMalloc(&allocated, bytes));
-    data = static_cast<std::uint8_t*>(allocated);
-    require_success(cudaMemset(data, kGuard, bytes));
-    require_success(cudaDeviceSynchronize());
-  }
-  ~DeviceMemory() { cudaFree(data); }
-  std::vector<std::uint8_t> read() const {
-    const Stream own;
-    std::vector<std::uint8_t> out(bytes);
-    require_success(cudaMemcpyAsync(out.data(), data, bytes, cudaMemcpyDeviceToHost, own.handle));
-    require_success(cudaStreamSynchronize(own.handle));
-    return out;
-  }
-};
-
 double psnr(const std::vector<std::uint8_t>& a, const std::vector<std::uint8_t>& b) {
   REQUIRE(a.size() == b.size());
   double squares = 0;
   for (std::size_t i = 0; i < a.size(); ++i) squares += std::pow(a[i] - b[i], 2);
   return -10 * std::log10(squares / (255.0 * 255.0 * static_cast<double>(a.size())) + 1e-20);
 }
-
-// Blocks a stream until release().
-struct Gate {
-  std::atomic<bool> is_open = false;
-  explicit Gate(cudaStream_t stream) {
-    require_success(cudaLaunchHostFunc(
-        stream, [](void* self) { static_cast<Gate*>(self)->is_open.wait(false); }, this));
-  }
-  ~Gate() { release(); }
-  void release() {
-    is_open = true;
-    is_open.notify_all();
-  }
-};
 
 }  // namespace
 

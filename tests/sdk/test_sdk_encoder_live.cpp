@@ -2,41 +2,12 @@
 // Live sessions of the C API: images that cameras push become a file that grows.
 #include <atomic>
 #include <barrier>
-#include <cmath>
 #include <mutex>
 
 #include "sdk_live_fixture.h"
 
 namespace stgs::testing {
 namespace {
-
-// PSNR in dB of frames that the scene shows, as the held-out camera sees them.
-double psnr_of(const FilmedCapture& filmed, const ScenePtr& scene,
-               std::initializer_list<int> frames) {
-  const encoder::PreparedCapture& capture = filmed.synthetic.capture;
-  const encoder::Camera& camera = *std::find_if(capture.cameras.begin(), capture.cameras.end(),
-                                                [](const auto& c) { return c.test; });
-  stgs_view view = small_view();
-  view.width = static_cast<std::uint32_t>(camera.width);
-  view.height = static_cast<std::uint32_t>(camera.height);
-  view.fx = static_cast<float>(camera.fx);
-  view.fy = static_cast<float>(camera.fy);
-  view.cx = static_cast<float>(camera.cx);
-  view.cy = static_cast<float>(camera.cy);
-  for (int i = 0; i < 9; ++i) view.rotation[i] = static_cast<float>(camera.rotation[i]);
-  for (int i = 0; i < 3; ++i) view.translation[i] = static_cast<float>(camera.translation[i]);
-  const RendererPtr renderer = cpu_renderer();
-  double squares = 0, values = 0;
-  for (const int frame : frames) {
-    const auto shown = render_rgba8(renderer.get(), scene.get(), frame / filmed.kFps, view);
-    const encoder::Image8 expected = *encoder::load_frame(capture, camera, frame);
-    for (std::size_t i = 0; i < expected.data.size(); ++i) {
-      squares += std::pow(int{shown[4 * (i / 3) + i % 3]} - int{expected.data[i]}, 2);
-      ++values;
-    }
-  }
-  return 10 * std::log10(255.0 * 255.0 * values / squares);
-}
 
 // Windows and log lines that a session reports on its threads.
 struct Observed {
