@@ -9,6 +9,12 @@
 namespace stgs::testing {
 namespace {
 
+stgs_form form_of(const ScenePtr& scene) {
+  auto contents = empty_output<stgs_contents>();
+  REQUIRE(stgs_scene_get_contents(scene.get(), &contents) == STGS_OK);
+  return contents.form;
+}
+
 // Windows and log lines that a session reports on its threads.
 struct Observed {
   std::mutex mutex;
@@ -58,6 +64,7 @@ TEST_CASE("cameras on several threads become a scene, which can be read while it
   film(0, 12);
   wait_for_windows(live, 1);
   CHECK(info_of(open_path(filmed.recording)).frames == 8);
+  CHECK(form_of(open_path(filmed.recording)) == STGS_FORM_GROWING);
   film(12, filmed.kFrames);
   const stgs_result result = stgs_live_finish(live.get(), nullptr);
   INFO(message_of(live));
@@ -81,6 +88,7 @@ TEST_CASE("cameras on several threads become a scene, which can be read while it
   CHECK(observed.windows[1].written == 1);
   const ScenePtr scene = open_path(filmed.recording);
   CHECK(info_of(scene).frames == filmed.kFrames);
+  CHECK(form_of(scene) == STGS_FORM_RECORDED);
   CHECK(info_of(scene).primitives == report.primitives);
   CHECK(psnr_of(filmed, scene, {1, 6}) > 19);
   live.reset();
@@ -95,11 +103,14 @@ TEST_CASE("the scene can be a second file, next to the recording", "[sdk]") {
   const LivePtr live = filmed.start(filmed.settings());
   filmed.push_all(live, 0, 10);
   CHECK(stgs_live_finish(live.get(), filmed.path("no/scene.stgs").c_str()) == STGS_ERROR_IO);
+  CHECK(stgs_live_finish(live.get(), filmed.recording.c_str()) == STGS_ERROR_ARGUMENT);
   REQUIRE(stgs_live_end_camera(live.get(), filmed.calibration[0].name) == STGS_OK);
   const std::string scene = filmed.path("scene.stgs");
   REQUIRE(stgs_live_finish(live.get(), scene.c_str()) == STGS_OK);
   CHECK(info_of(open_path(scene)).frames == 10);
+  CHECK(form_of(open_path(scene)) == STGS_FORM_FINISHED);
   CHECK(info_of(open_path(filmed.recording)).frames == 10);
+  CHECK(form_of(open_path(filmed.recording)) == STGS_FORM_RECORDED);
 }
 
 TEST_CASE("images out of time are counted, and those of an ended camera ignored", "[sdk]") {

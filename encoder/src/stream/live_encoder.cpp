@@ -379,7 +379,8 @@ Status LiveEncoder::finish(const std::string& output) {
   }
   STGS_TRY(error);
   STGS_TRY(recover());
-  return encoder_->finish(output);
+  if (output != settings_.stream.recording) STGS_TRY(encoder_->close());
+  return output.empty() ? Status() : encoder_->finish(output);
 }
 
 }  // namespace stgs::encoder

@@ -258,6 +258,11 @@ Status StreamEncoder::reopen() {
   return {};
 }
 
+Status StreamEncoder::close() {
+  if (frames() == 0) return usage_error("{}: no window has been encoded", recording_path());
+  return recorder_->close();
+}
+
 Status StreamEncoder::finish(const std::string& output) {
   if (frames() == 0) return usage_error("{}: no window has been encoded", output);
   recorder_.reset();

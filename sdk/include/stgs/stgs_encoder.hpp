@@ -173,7 +173,7 @@ class Live {
   }
   /// Encodes the images that wait and completes the recording.
   void finish() { check(stgs_live_finish(get(), nullptr), get()); }
-  /// Encodes the images that wait and writes the complete scene to another file.
+  /// Does the same, and writes the scene to another file, with its index at the front.
   void finish(const std::string& output) { check(stgs_live_finish(get(), output.c_str()), get()); }
   /// Cancels the session. May be called on any thread.
   void cancel() { stgs_live_cancel(get()); }

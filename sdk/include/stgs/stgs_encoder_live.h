@@ -245,16 +245,17 @@ typedef struct stgs_live_report {
  * started. */
 STGS_API stgs_result stgs_live_get_report(stgs_live* live, stgs_live_report* report);
 
-/* Ends all cameras, encodes the images that wait, and writes the complete scene to the file
- * `output`, with its index at the front, so that opening takes one read.
+/* Ends all cameras, encodes the images that wait, and marks the recording as finished: players play
+ * it to its end.
  *
- * NULL `output`: in place of the recording; players continue with it. Otherwise the recording stays
- * as it is, and an existing file is replaced. If `output` cannot be written, the call fails at once
- * with STGS_ERROR_IO or STGS_ERROR_ARGUMENT, changes nothing and may be repeated. After any other
- * error the session is finished; the recording has the windows before the error, and
- * `stgs finalize` completes it. Such an error can be one that ended encoding earlier:
- * STGS_ERROR_RUNTIME, for example if fewer than two cameras delivered images;
- * STGS_ERROR_INVALID_FILE, if the calibration is wrong; STGS_ERROR_IO, if the disk is full. */
+ * Then writes the same scene to the file `output`, with its index at the front, so that opening
+ * takes one read; replaces an existing file. NULL: not written; `stgs finalize` can write it later.
+ * If `output` cannot be written, the call fails at once with STGS_ERROR_IO or STGS_ERROR_ARGUMENT,
+ * changes nothing and may be repeated. After any other error the session is finished; the recording
+ * has the windows before the error, and `stgs finalize` completes it. Such an error can be one that
+ * ended encoding earlier: STGS_ERROR_RUNTIME, for example if fewer than two cameras delivered
+ * images; STGS_ERROR_INVALID_FILE, if the calibration is wrong; STGS_ERROR_IO, if the disk is full.
+ */
 STGS_API stgs_result stgs_live_finish(stgs_live* live, const char* output);
 
 /* Cancels the session permanently: a running stgs_live_finish soon fails with STGS_ERROR_CANCELLED,

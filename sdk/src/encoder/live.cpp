@@ -35,8 +35,8 @@ class LiveSession {
   Outcome end_camera(const char* camera);
   stgs_live_report report() const { return to_c(encoder_->report(), encoder_->ended()); }
   bool is_finished() const { return finished_; }
-  // An empty output is the recording.
-  Outcome finish(std::string output, const std::atomic<bool>& cancelled);
+  // An empty output: the recording alone.
+  Outcome finish(const std::string& output, const std::atomic<bool>& cancelled);
 
  private:
   LiveSession(const std::string& recording, const stgs_live_settings& settings)
@@ -149,11 +149,12 @@ Outcome LiveSession::end_camera(const char* camera) {
   return {};
 }
 
-Outcome LiveSession::finish(std::string output, const std::atomic<bool>& cancelled) {
-  if (output.empty()) output = recording_;
+Outcome LiveSession::finish(const std::string& output, const std::atomic<bool>& cancelled) {
   OutputLock lock;
-  if (check_distinct({{"output", output}, {"recording", recording_}}).ok())
+  if (!output.empty()) {
+    STGS_TRY(check_distinct({{"output", output}, {"recording", recording_}}));
     STGS_TRY(prepare_output(output, lock, log_));
+  }
   finished_ = true;
   for (std::size_t c = 0; c < copies_.size(); ++c) encoder_->end_camera(c);
   while (!encoder_->ended() && !cancelled) std::this_thread::sleep_for(kPoll);

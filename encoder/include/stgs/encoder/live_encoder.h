@@ -99,9 +99,11 @@ class LiveEncoder {
 
   // Stops without encoding the frames that wait. The recording remains. Only report() may follow.
   void stop();
-  // Ends all cameras, encodes the frames that wait and writes the finished file to `output`, which
-  // may be the recording. Returns the error that ended the encoding, if any: then the recording
-  // remains as it is. Nothing may be pushed afterwards.
+  // Ends all cameras, encodes the frames that wait and marks the recording as finished, so that
+  // players play it to its end. Then writes the file with its index at the front to `output`,
+  // unless it is ""; if it is the recording, players have to open it again. Returns the error that
+  // ended the encoding, if any: then the recording remains as it is. Nothing may be pushed
+  // afterwards.
   Status finish(const std::string& output);
 
  private:

@@ -84,8 +84,11 @@ class StreamEncoder {
   // Continues after the last complete window of the recording, which an error has ended. kUsage
   // before the first window.
   Status reopen();
-  // Writes the finished file, atomically; it may replace the recording. kUsage before the first
-  // window.
+  // Marks the recording as finished, so that players play it to its end. Only finish() may follow.
+  // kUsage before the first window.
+  Status close();
+  // Writes the finished file with its index at the front, atomically; it may replace the recording.
+  // kUsage before the first window.
   Status finish(const std::string& output);
   // Removes the folder. Only the destructor may follow.
   void remove_files();
