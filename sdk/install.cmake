@@ -51,7 +51,7 @@ install(FILES include/stgs/stgs_encoder.h include/stgs/stgs_encoder_live.h
               include/stgs/stgs_encoder_recorder.h include/stgs/stgs_encoder.hpp
         DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/stgs COMPONENT encoder_dev)
 set(examples ${CMAKE_INSTALL_DATADIR}/doc/libstgs-encoder-dev/examples)
-install(FILES examples/encode.c examples/telepresence_recorder.cpp
+install(FILES examples/encode.c examples/telepresence_cameras.cpp examples/telepresence_recorder.cpp
         DESTINATION ${examples} COMPONENT encoder_dev)
 install(FILES examples/installed_encoder.cmake
         DESTINATION ${examples} RENAME CMakeLists.txt COMPONENT encoder_dev)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the examples telepresence_recorder and telepresence_viewer, with nginx between them.
+"""Runs the examples telepresence_recorder or telepresence_cameras, and telepresence_viewer, with nginx
+between them.
 
 usage: telepresence.py RECORDER VIEWER SECONDS JOINS     prints latencies as JSON
 """
@@ -13,18 +14,18 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "../
 from nginx import Nginx  # noqa: E402
 
 
-def run(recorder, viewer, seconds, join_after, fragment=0.5):
+def run(recorder, viewer, seconds, join_after, options=("0.5",)):
     """Records `seconds` in real time, and starts the viewer after `join_after` recorded seconds.
     Returns the viewer's JSON, with the recorder's lines as `fragments`."""
     with tempfile.TemporaryDirectory() as folder, Nginx(folder) as server:
-        with subprocess.Popen([recorder, folder + "/scene.stgs", str(seconds), str(fragment)],
+        with subprocess.Popen([recorder, folder + "/scene.stgs", str(seconds), *options],
                               stdout=subprocess.PIPE, text=True) as recording:
             try:
                 lines = []
                 while not lines or json.loads(lines[-1])["end"] < join_after:
                     lines.append(recording.stdout.readline())
-                viewing = subprocess.run([viewer, server.url, str(seconds + 20)], check=True,
-                                         stdout=subprocess.PIPE, text=True, timeout=seconds + 60)
+                viewing = subprocess.run([viewer, server.url, str(seconds + 100)], check=True,
+                                         stdout=subprocess.PIPE, text=True, timeout=seconds + 140)
                 lines += recording.stdout.readlines()
             finally:
                 recording.kill()

@@ -61,7 +61,7 @@ class Install(unittest.TestCase):
         for package in "libstgs-dev", "libstgs-encoder-dev":
             built |= self.build_examples(package)
         self.assertGreaterEqual(set(built), {"minimal", "player", "telepresence_viewer", "encode",
-                                             "telepresence_recorder"})
+                                             "telepresence_cameras", "telepresence_recorder"})
         self.render(built["minimal"], "built.png")
         self.assertEqual(read_png(self.at("built.png")), read_png(self.at("example.png")))
         run(built["telepresence_recorder"], self.at("telepresence.stgs"), "0.2", "0.1")

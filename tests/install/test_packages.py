@@ -44,6 +44,7 @@ CONTENTS = {
                             LIBRARIES + "pkgconfig/stgs_encoder.pc",
                             "usr/share/doc/libstgs-encoder-dev/examples/CMakeLists.txt",
                             "usr/share/doc/libstgs-encoder-dev/examples/encode.c",
+                            "usr/share/doc/libstgs-encoder-dev/examples/telepresence_cameras.cpp",
                             "usr/share/doc/libstgs-encoder-dev/examples/telepresence_recorder.cpp"],
     "stgs": ["usr/bin/stgs", "usr/share/bash-completion/completions/stgs",
              "usr/share/fish/vendor_completions.d/stgs.fish",
