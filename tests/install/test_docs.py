@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""The samples of sdk/docs compile and run against an installation.
+"""The samples of sdk/docs, and of the guide to live encoding, compile and run against an installation.
 
 The ```c or ```cpp blocks of a page together form one program. Its argument is a scene, or for
-encoding.md a capture and an output; it must succeed, and fail for a missing file. The ```python
+encoding.md a capture and an output; it must succeed (that of live.md, which needs cameras, is only
+built), and fail for a missing file. The ```python
 blocks form one program in a folder with scene.stgs, which runs if the module is built. A ```cmake
 block builds the page's program (as main.c). The functions, constants and structs that the pages
 name are declared. test_site.py follows the links.
@@ -19,6 +20,7 @@ import unittest
 
 from outside import run
 
+ENCODING = {"encoding.md", "live.md"}  # pages whose programs use libstgs_encoder
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 
 parser = argparse.ArgumentParser()
@@ -44,6 +46,7 @@ class Docs(unittest.TestCase):
         cls.docs = os.path.join(ARGUMENTS.source, "sdk/docs")
         cls.pages = {os.path.basename(path): read(path)
                      for path in glob.glob(os.path.join(cls.docs, "*.md"))}
+        cls.pages["live.md"] = read(os.path.join(cls.docs, "guide/live.md"))
 
     @classmethod
     def at(cls, name):
@@ -53,10 +56,14 @@ class Docs(unittest.TestCase):
     def arguments(cls, page):
         if page == "encoding.md":
             return [os.path.join(ARGUMENTS.source, "tests/data/workshop"), cls.at("encoded.stgs")]
+        if page == "live.md":
+            return [cls.at("rig.json"), cls.at("live.stgs"), cls.at("left"), cls.at("right")]
         return [cls.at("tiny.stgs")]
 
     @classmethod
     def can_run(cls, page):
+        if page == "live.md":  # needs cameras
+            return False
         return page != "encoding.md" or " prepare" in run(cls.at("prefix/bin/stgs"), "--version")
 
     def blocks(self, page, language):
@@ -75,7 +82,7 @@ class Docs(unittest.TestCase):
             file.write(text)
         run(*compilers[kind], "-pedantic", "-Wall", "-Wextra", "-Werror", source,
             "-I", self.at("prefix/include"), "-L", self.library,
-            *(["-lstgs_encoder"] if page == "encoding.md" else []), "-lstgs", "-lpthread",
+            *(["-lstgs_encoder"] if page in ENCODING else []), "-lstgs", "-lpthread",
             f"-Wl,-rpath,{self.library}", "-o", program)
         return program
 
@@ -94,7 +101,7 @@ class Docs(unittest.TestCase):
                 result = subprocess.run([program, self.at("no such file"), *self.arguments(page)[1:]],
                                         capture_output=True, text=True, timeout=60, check=False)
                 self.assertEqual(result.returncode, 1, result.stdout + result.stderr)
-        self.assertGreaterEqual(built, 7)
+        self.assertGreaterEqual(built, 8)
 
     def test_the_program_of_the_readme_renders_an_image(self):
         text = read(os.path.join(ARGUMENTS.source, "README.md"))
@@ -144,7 +151,9 @@ class Docs(unittest.TestCase):
             kinds = {kind for kind, _ in BLOCK.findall(text)}
             self.assertEqual(text.count("\n```"), 2 * len(BLOCK.findall(text)), page)
             # test_packages.py runs the sh blocks of README.md, test_install.py that of embedding.md.
-            also = {"README.md": {"sh"}, "embedding.md": {"sh"}, "python.md": {"python"}}.get(page, set())
+            # The tests of the program run those of the guide.
+            also = {"README.md": {"sh"}, "embedding.md": {"sh"}, "python.md": {"python"},
+                    "live.md": {"sh", "json"}}.get(page, set())
             self.assertLessEqual(kinds, {"c", "cpp", "cmake"} | also)
 
     def test_named_declarations_exist(self):

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "encoder/live_parameters.h"
 #include "encoder/record_parameters.h"
 #include "stgs/encoder/pack.h"
 #include "stgs/encoder/prepare.h"
@@ -71,6 +72,8 @@ std::string hyper_parameters() {
 std::string parameter_reference() {
   stgs_record_settings record;
   if (stgs_record_settings_defaults(&record, sizeof record) != STGS_OK) return {};
+  stgs_live_settings live;
+  if (stgs_live_settings_defaults(&live, sizeof live) != STGS_OK) return {};
   return "# Parameters\n\n"
          "Every number in the settings of the encoder. A value of 0 has the meaning in the column "
          "\"default\" where the range excludes it. `cmake --build BUILD --target "
@@ -83,6 +86,7 @@ std::string parameter_reference() {
                                            encoder::TrainSettings{}, true) +
          section<encoder::PackParameters>("Packing: `stgs pack`, `stgs_pack_settings`",
                                           encoder::PackSettings{}, true) +
+         section<sdk::LiveParameters>("Live encoding: `stgs_live_settings`", live, false) +
          section<sdk::RecordParameters>("Recording: `stgs_record_settings`", record, false) +
          hyper_parameters();
 }
