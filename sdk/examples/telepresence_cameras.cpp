@@ -5,7 +5,7 @@
 // and when it was filmed and appended, in seconds of the monotonic clock.
 //
 // usage: telepresence_cameras NEW.stgs SECONDS
-#include <array>
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -22,7 +22,7 @@ constexpr std::uint32_t kWidth = 112, kHeight = 84;  // pixels
 constexpr float kFocalLength = 98;                   // pixels
 constexpr double kOrbitSeconds = 6;                  // one revolution of the ball
 
-using Vector = std::array<float, 3>;
+using stgs::Vector3;
 
 double now() {
   const auto since = std::chrono::steady_clock::now().time_since_epoch();
@@ -33,53 +33,53 @@ void sleep_until(double time) {
   std::this_thread::sleep_for(std::chrono::duration<double>(time - now()));
 }
 
-Vector at(const Vector& origin, const Vector& direction, float distance) {
+Vector3 at(const Vector3& origin, const Vector3& direction, float distance) {
   return {origin[0] + distance * direction[0], origin[1] + distance * direction[1],
           origin[2] + distance * direction[2]};
 }
 
-float dot(const Vector& a, const Vector& b) {
+float dot(const Vector3& a, const Vector3& b) {
   return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
 // Tiles of random brightness in a tint.
-Vector tile(float u, float v, const Vector& tint) {
+Vector3 tile(float u, float v, const Vector3& tint) {
   const float cell = std::floor(2.5f * u) * 12.9898f + std::floor(2.5f * v) * 78.233f;
   const float noise = std::abs(std::fmod(std::sin(cell) * 43758.5f, 1.0f));
   return at({0, 0, 0}, tint, 0.35f + 0.65f * noise);
 }
 
 // Returns the distance along a ray to a sphere; infinity beside it.
-float distance_to(const Vector& centre, float radius, const Vector& origin, const Vector& ray) {
-  const Vector offset = at(origin, centre, -1);
+float distance_to(const Vector3& centre, float radius, const Vector3& origin, const Vector3& ray) {
+  const Vector3 offset = at(origin, centre, -1);
   const float half = dot(offset, ray), length = dot(ray, ray);
   const float root = half * half - length * (dot(offset, offset) - radius * radius);
   return root < 0 ? INFINITY : (-half - std::sqrt(root)) / length;
 }
 
 // Returns the colour that a ray meets; axes as in OpenCV, so y points down.
-Vector colour_of(const Vector& origin, const Vector& ray, double seconds) {
+Vector3 colour_of(const Vector3& origin, const Vector3& ray, double seconds) {
   const auto angle = static_cast<float>(2 * 3.14159265 * seconds / kOrbitSeconds);
-  const Vector centre = {1.1f * std::cos(angle), 0.3f, 4 + 1.1f * std::sin(angle)};
+  const Vector3 centre = {1.1f * std::cos(angle), 0.3f, 4 + 1.1f * std::sin(angle)};
   const float to_ball = distance_to(centre, 0.45f, origin, ray);
   const float to_wall = (6 - origin[2]) / ray[2];
   const float to_floor = ray[1] > 0 ? (1 - origin[1]) / ray[1] : INFINITY;
   if (to_ball < std::min(to_wall, to_floor)) {
-    const Vector on_ball = at(at(origin, ray, to_ball), centre, -1);
+    const Vector3 on_ball = at(at(origin, ray, to_ball), centre, -1);
     return at({0.5f, 0.3f, 0.1f}, {1, 1, 1}, 0.4f * std::abs(std::sin(9 * on_ball[1])));
   }
   if (to_floor < to_wall) {
-    const Vector on_floor = at(origin, ray, to_floor);
+    const Vector3 on_floor = at(origin, ray, to_floor);
     return tile(on_floor[0], on_floor[2], {0.9f, 0.9f, 0.8f});
   }
-  const Vector on_wall = at(origin, ray, to_wall);
+  const Vector3 on_wall = at(origin, ray, to_wall);
   return tile(on_wall[0] + 40, on_wall[1], {0.5f, 0.7f, 0.9f});
 }
 
 // A camera that does not move.
 class SimulatedCamera {
  public:
-  SimulatedCamera(std::string name, const Vector& position)
+  SimulatedCamera(std::string name, const Vector3& position)
       : name_(std::move(name)), position_(position) {
     view_.fx = view_.fy = kFocalLength;
     view_.cx = kWidth / 2.0f;
@@ -111,8 +111,8 @@ class SimulatedCamera {
       for (std::uint32_t x = 0; x < kWidth; ++x) {
         const float u = (static_cast<float>(x) + 0.5f - view_.cx) / view_.fx;
         const float v = (static_cast<float>(y) + 0.5f - view_.cy) / view_.fy;
-        const Vector ray = {r[0] * u + r[3] * v + r[6], r[1] * u + r[4] * v + r[7],
-                            r[2] * u + r[5] * v + r[8]};
+        const Vector3 ray = {r[0] * u + r[3] * v + r[6], r[1] * u + r[4] * v + r[7],
+                             r[2] * u + r[5] * v + r[8]};
         for (const float c : colour_of(position_, ray, seconds))
           rgb.push_back(static_cast<std::uint8_t>(255 * c));
       }
@@ -121,7 +121,7 @@ class SimulatedCamera {
 
  private:
   std::string name_;
-  Vector position_;
+  Vector3 position_;
   stgs_view view_ = stgs::default_view();
 };
 
@@ -158,7 +158,7 @@ void encode(const std::string& path, double seconds) {
   std::vector<SimulatedCamera> cameras;
   std::vector<stgs_live_camera> calibration;
   for (const float x : {-1.2f, -0.4f, 0.4f, 1.2f})
-    cameras.emplace_back("camera" + std::to_string(cameras.size()), Vector{x, -0.2f, 0});
+    cameras.emplace_back("camera" + std::to_string(cameras.size()), Vector3{x, -0.2f, 0});
   for (const SimulatedCamera& camera : cameras) calibration.push_back(camera.calibration());
   stgs::Live live;
   const double begin = now() + 0.1;
@@ -170,10 +170,11 @@ void encode(const std::string& path, double seconds) {
     std::fflush(stdout);
   });
   std::vector<std::future<void>> filming;
-  for (const SimulatedCamera& camera : cameras)
+  for (const SimulatedCamera& camera : cameras) {
     filming.push_back(std::async(std::launch::async, [&live, &camera, begin, seconds] {
       film(live, camera, begin, seconds);
     }));
+  }
   for (std::future<void>& camera : filming) camera.get();
   live.finish();
   const stgs_live_report report = live.report();

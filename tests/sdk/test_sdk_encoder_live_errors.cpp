@@ -92,6 +92,9 @@ TEST_CASE("calls before the start fail, and null objects are accepted or rejecte
   CHECK(stgs_live_push(nullptr, "x", 0, nullptr) == STGS_ERROR_ARGUMENT);
   CHECK(stgs_live_finish(nullptr, nullptr) == STGS_ERROR_ARGUMENT);
   CHECK(stgs_live_error(nullptr, nullptr) == STGS_ERROR_ARGUMENT);
+  const stgs_live_settings settings = filmed.settings();
+  stgs_live_cancel(live.get());
+  CHECK(stgs_live_start(live.get(), filmed.recording.c_str(), &settings) == STGS_ERROR_CANCELLED);
   stgs_live_cancel(nullptr);
   stgs_live_destroy(nullptr);
 }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Failing allocations during recording and packing. Every call succeeds or returns
+// Failing allocations during recording, packing and live pushes. Every call succeeds or returns
 // STGS_ERROR_OUT_OF_MEMORY; a failed call changes nothing and can be repeated.
 #include "../fuzz/heap.h"
-#include "sdk_encoder_fixture.h"
+#include "sdk_live_fixture.h"
 
 namespace stgs::testing {
 namespace {
@@ -113,5 +113,28 @@ TEST_CASE("packing survives any failing allocation", "[sdk]") {
   }
   CHECK(failures > 50);
 }
+
+#ifdef STGS_HAS_PREPARE
+TEST_CASE("pushing an image survives any failing allocation", "[sdk]") {
+  const FilmedCapture filmed;
+  stgs_live_settings settings = filmed.settings();
+  settings.start_seconds = 3600;  // the session waits for the other cameras
+  const LivePtr live = filmed.start(settings);
+  const char* const camera = filmed.calibration[0].name;
+  const LivePixels pixels = filmed.pixels(0, 0);
+  bool failed = true;
+  int failures = 0;
+  for (int n = 1; failed; ++n) {
+    stgs_result result = STGS_OK;
+    failed = with_failing_allocation(
+        n, [&] { result = stgs_live_push(live.get(), camera, n / filmed.kFps, &pixels.image); });
+    INFO("allocation " << n << ": " << result << " " << message_of(live));
+    REQUIRE(is_ok_or_out_of_memory(result));
+    failures += result != STGS_OK ? 1 : 0;
+  }
+  CHECK(failures > 3);
+  CHECK(stgs_live_push(live.get(), camera, 100, &pixels.image) == STGS_OK);
+}
+#endif
 
 }  // namespace stgs::testing

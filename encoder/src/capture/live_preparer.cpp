@@ -77,7 +77,8 @@ class Rig final : public LivePreparer {
     try {
       return convert_image(camera, image);
     } catch (const std::exception& error) {
-      return runtime_error("camera '{}': {}", cameras_[camera].name, error.what());
+      return Status(code_of(error),
+                    fmt::format("camera '{}': {}", cameras_[camera].name, error.what()));
     }
   }
 

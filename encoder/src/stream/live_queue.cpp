@@ -83,8 +83,9 @@ void LiveQueue::push(std::size_t camera, double seconds, std::shared_ptr<const I
     return;
   }
   while (first_slot_ + static_cast<std::int64_t>(slots_.size()) <= slot) {
-    slots_.emplace_back();
-    slots_.back().images.resize(cameras_.size());
+    LiveFrame empty;
+    empty.images.resize(cameras_.size());
+    slots_.push_back(std::move(empty));
   }
   LiveFrame& frame = slots_[static_cast<std::size_t>(slot - first_slot_)];
   if (frame.images[camera]) {

@@ -11,14 +11,13 @@
  * A session encodes the images of calibrated, synchronised cameras into a recording that players
  * follow while it grows (stgs_player_get_live), through a web server too. It trains on threads of
  * its own, in windows of about half a second, and chooses the work per window so that it keeps up.
- * If the machine is too slow, images are dropped and counted. `stgs live` is the same as a program.
+ * If the machine is too slow, images are dropped and counted. The program `stgs live` does the same
+ * with cameras that it reads itself.
  *
- * Threads: cameras may be served by different threads. One thread at a time may push the images of
- * a camera, or end it. Any thread may call stgs_live_error, stgs_live_get_report and
- * stgs_live_cancel. Other calls are made by one thread at a time; stgs_live_start must have
- * returned before images are pushed, and stgs_live_finish may run while other threads still push.
- *
- * Memory: images are copied. Callbacks are called on threads of the session. */
+ * Threads: each camera may have its own thread, which pushes its images and ends it. Any thread may
+ * call stgs_live_error, stgs_live_get_report and stgs_live_cancel. One thread at a time may make
+ * the other calls. Images can be pushed once stgs_live_start has returned; stgs_live_finish may run
+ * while other threads still push. */
 #ifndef STGS_STGS_ENCODER_LIVE_H
 #define STGS_STGS_ENCODER_LIVE_H
 
@@ -52,8 +51,8 @@ typedef struct stgs_live_camera {
   uint32_t height;       /* 0, 0 (default): that of the pushed images */
   double fx;             /* horizontal focal length, pixels, > 0 */
   double fy;             /* vertical focal length, pixels, > 0 */
-  double cx;             /* x of the principal point, pixels; the centre of the first pixel is at */
-  double cy;             /* 0.5, so that OpenCV's cx and cy are smaller by 0.5 */
+  double cx;             /* x of the principal point, pixels: that of OpenCV plus 0.5 */
+  double cy;             /* y of the principal point, pixels: that of OpenCV plus 0.5 */
   double distortion[8];  /* k1 k2 p1 p2 k3 k4 k5 k6; of a fisheye lens k1 k2 k3 k4 0 0 0 0;
                           * default 0 */
   double rotation[9];    /* orthonormal, determinant 1, row-major; default: the identity */
@@ -103,7 +102,7 @@ typedef struct stgs_live_settings {
   int32_t trust_calibration;        /* 1: only warn if a mistake in the calibration is found; 0
                                      * (default): stgs_live_finish returns it as an error */
   double fps;                       /* frames per second, 0.1 to 1000; 0 (default): from `rig` */
-  double scale;                     /* of the images, 0.01 to 1; default 1 */
+  double scale;                     /* of the images in training, 0.01 to 1; default 1 */
   double latency;                   /* target from filming a frame to its appearance in the
                                      * recording, seconds, 0.1 to 60; default 1.5. A window lasts a
                                      * third of it, but at least 8 frames */
@@ -112,7 +111,7 @@ typedef struct stgs_live_settings {
                                      * deliver, at least two, and ignores the others */
   stgs_preset preset;               /* upper bound of the work per window; default
                                      * STGS_PRESET_FAST */
-  stgs_backend backend;             /* as in stgs_train_settings */
+  stgs_backend backend;             /* of training and stereo, as in stgs_train_settings */
   uint32_t iterations;              /* views to train on per window at most, up to 10^8; 0
                                      * (default): from the preset */
   uint32_t max_primitives;          /* of a window, with static ones, up to 2 * 10^8; 0 (default):
@@ -120,7 +119,7 @@ typedef struct stgs_live_settings {
   uint64_t seed;                    /* of random choices; default 1. Recordings still differ: the
                                      * work depends on the speed of the machine */
   uint64_t queue_bytes;             /* for images that wait; 0 (default): a quarter of the available
-                                     * memory. Frames of more than 20 seconds never wait */
+                                     * memory. At most 20 seconds of frames wait */
   const stgs_parameter* parameters; /* overrides of hyperparameters */
   uint32_t parameter_count;         /* default 0 */
   uint32_t threads;                 /* limit, up to 1024; 0 (default): all cores. From
@@ -245,8 +244,8 @@ typedef struct stgs_live_report {
  * started. */
 STGS_API stgs_result stgs_live_get_report(stgs_live* live, stgs_live_report* report);
 
-/* Ends all cameras, encodes the images that wait, and marks the recording as finished: players play
- * it to its end.
+/* Ends all cameras, waits until the images that wait are encoded, and marks the recording as
+ * finished: players play it to its end.
  *
  * Then writes the same scene to the file `output`, with its index at the front, so that opening
  * takes one read; replaces an existing file. NULL: not written; `stgs finalize` can write it later.
@@ -258,9 +257,9 @@ STGS_API stgs_result stgs_live_get_report(stgs_live* live, stgs_live_report* rep
  */
 STGS_API stgs_result stgs_live_finish(stgs_live* live, const char* output);
 
-/* Cancels the session permanently: a running stgs_live_finish soon fails with STGS_ERROR_CANCELLED,
- * and so do all later calls of it and of stgs_live_push and stgs_live_end_camera. The recording
- * stays as after stgs_live_destroy.
+/* Cancels the session permanently: a running stgs_live_finish ends soon, and it and all later calls
+ * other than stgs_live_get_report fail with STGS_ERROR_CANCELLED. The recording stays as after
+ * stgs_live_destroy.
  *
  * May be called on any thread and from signal handlers until stgs_live_destroy. NULL: does
  * nothing. */

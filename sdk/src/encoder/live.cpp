@@ -179,9 +179,12 @@ struct stgs_live {
     if (session != nullptr) return {};
     return {STGS_ERROR_STATE, "the session has not started; call stgs_live_start first"};
   }
+  stgs::sdk::Outcome check_not_cancelled() const {
+    if (!cancelled) return {};
+    return {STGS_ERROR_CANCELLED, "the session was cancelled; create another session"};
+  }
   stgs::sdk::Outcome check_running() const {
-    if (cancelled)
-      return {STGS_ERROR_CANCELLED, "the session was cancelled; create another session"};
+    STGS_SDK_TRY(check_not_cancelled());
     STGS_SDK_TRY(check_started());
     if (!session->is_finished()) return {};
     return {STGS_ERROR_STATE, "the session is finished; create another session"};
@@ -220,6 +223,7 @@ stgs_result stgs_live_start(stgs_live* live, const char* recording,
                             const stgs_live_settings* settings) {
   using namespace stgs::sdk;
   return guarded(live, [&]() -> Outcome {
+    STGS_SDK_TRY(live->check_not_cancelled());
     if (live->session != nullptr) {
       return {STGS_ERROR_STATE, "the session has already started; create another session"};
     }
