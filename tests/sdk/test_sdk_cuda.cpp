@@ -2,7 +2,7 @@
 // The C API rendering into memory of a CUDA device, compared with its own CPU renderer.
 #include <cmath>
 
-#include "sdk_cuda_fixture.h"
+#include "fixtures/cuda_device.h"
 #include "sdk_fixture.h"
 #include "stgs/stgs_cuda.h"
 

@@ -2,7 +2,7 @@
 // Live sessions of the C API with images in the memory of a CUDA device.
 #include <thread>
 
-#include "sdk_cuda_fixture.h"
+#include "fixtures/cuda_device.h"
 #include "sdk_live_fixture.h"
 
 namespace stgs::testing {
