@@ -11,6 +11,7 @@ lists the uses that another library or format defines.
 import csv
 import os
 import re
+import subprocess
 import sys
 
 from check_sources import CODE, SCRIPTS, source_files
@@ -52,11 +53,25 @@ def check_line(path, number, line, rules, exempt):
                 yield f"{path}:{number}: '{match.group()}': write {instead} ({reason})"
 
 
+def candidates(root, paths, rules):
+    """Returns the paths of files that may contain a term. GNU grep searches for all rules at once, ten
+    times faster than Python; without it, these are all paths."""
+    joined = "|".join(f"(?i:{pattern.pattern[4:]})" if pattern.flags & re.IGNORECASE
+                      else f"(?:{pattern.pattern})" for pattern, _, _, _ in rules)
+    try:
+        found = subprocess.run(["grep", "-lZP", "-e", joined, "--", *paths], cwd=root, check=False,
+                               env=dict(os.environ, LC_ALL="C"), capture_output=True)
+    except OSError:
+        return paths
+    if found.returncode > 1:  # this grep has no -P
+        return paths
+    return [os.fsdecode(path) for path in found.stdout.split(b"\0") if path]
+
+
 def check(root, rules, exempt):
     findings = []
-    for path in source_files(root, TEXT):
-        if NOT_CHECKED.search(path):
-            continue
+    paths = [path for path in source_files(root, TEXT) if not NOT_CHECKED.search(path)]
+    for path in candidates(root, paths, rules):
         with open(os.path.join(root, path), encoding="utf-8") as file:
             for number, line in enumerate(file, 1):
                 findings += check_line(path, number, line, rules, exempt)
