@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """Calibrations of other tools: the cameras of the sample capture, written in the form of each tool,
-give the same prepared cameras. They are of a quarter of its image size, and scaled when read."""
+give the same prepared cameras. They are of an eighth of its image size, and scaled when read."""
 import json
 import math
 import os
@@ -71,7 +71,7 @@ def opencv(cameras):
 class Calibrations(CliTest):
     def prepare(self, capture, output):
         # Without COLMAP, which would take longer and is not what is tested.
-        result = self.stgs("prepare", capture, "-o", output, "--scale", "0.25", "--frames",
+        result = self.stgs("prepare", capture, "-o", output, "--scale", "0.125", "--frames",
                            "0:2", "--no-split", "--max-static-points", "500",
                            env=dict(os.environ, PATH=self.path("no programs")))
         self.assertEqual(result.returncode, 0, result.stderr.decode())
@@ -122,11 +122,12 @@ class Calibrations(CliTest):
                 ("mm", one, f"^stgs: error: mm: the calibration of '{one[3]['name']}' does not fit .* the position is in mm")):
             with self.subTest(name):
                 self.write_capture(name, opencv(given))
-                self.fails(INVALID, message, "prepare", name, "-o", "out", "--frames", "0:2", "--no-split")
-                self.assertFalse(os.path.exists(self.path("out")))
-                trusted = self.succeeds("prepare", name, "-o", name + " out", "--frames", "0:1", "--no-split",
-                                        "--scale", "0.5", "--max-static-points", "500", "--trust-calibration")
-                self.assertIn(b"warning: calibration: " + name.encode(), trusted.stderr)
+                arguments = ["prepare", name, "-o", name + " out", "--frames", "0:1", "--no-split", "--scale", "0.5",
+                             "--max-static-points", "500"]
+                self.fails(INVALID, message, *arguments)
+                self.assertFalse(os.path.exists(self.path(name + " out")))
+        trusted = self.succeeds(*arguments, "--trust-calibration")
+        self.assertIn(b"warning: calibration: " + name.encode(), trusted.stderr)
 
     @unittest.skipIf(built_in("calibration"), "this build reads all forms")
     def test_a_form_that_is_not_built_in_is_named(self):

@@ -51,7 +51,7 @@ class Encoding(CliTest):
 
     def encode(self, *more):
         return ["encode", os.path.join(harness.SOURCE, "tests", "data", "workshop"), "-o",
-                "out.stgs", "--scale", "0.25", "--frames", "0:2", *self.TRAIN, *more]
+                "out.stgs", "--scale", "0.125", "--frames", "0:2", *self.TRAIN, *more]
 
     def interrupted(self, *more):
         """Interrupts an encode while it trains, and returns the last line that it printed."""

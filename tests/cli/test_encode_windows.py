@@ -17,7 +17,7 @@ class Windows(CliTest):
     """16 frames of the sample capture, in windows of eight."""
 
     def encode(self, *more, capture=None, output="out.stgs"):
-        return ["encode", capture or harness.sample(), "-o", output, "--scale", "0.2", "--frames", "0:16",
+        return ["encode", capture or harness.sample(), "-o", output, "--scale", "0.1", "--frames", "0:16",
                 "--window", "8", "--preset", "fast", "--iterations", "20", "--max-primitives", "3000", *more]
 
     def killed(self, number, stage, occurrence):

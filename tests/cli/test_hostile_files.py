@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Small files that state much: memory is limited, and work grows with the bytes of the file."""
+import functools
 import json
 import os
 import resource
@@ -31,6 +32,12 @@ def frame_header(width, height):
 SCAN = b"\xff\xda" + struct.pack(">HB", 8, 1) + b"\1\0\0\0\0" + b"\0"
 
 
+@functools.cache
+def repeated_byte(size):
+    """Returns a ZIP block of zeros. The predictor of differences: 128 repeats the byte before."""
+    return zlib.compress(b"\0" + b"\x80" * (size - 1), 9)
+
+
 def exr(width, names, height=16, attributes=b""):
     """Returns an EXR file of one ZIP block of floats that are all 0."""
     def attribute(name, kind, value):
@@ -47,8 +54,7 @@ def exr(width, names, height=16, attributes=b""):
     blocks, offsets, at = b"", b"", len(header) + 8 * (-(-height // 16))
     for y in range(0, height, 16):
         rows = min(16, height - y)
-        # The predictor of differences: 128 repeats the byte before.
-        data = zlib.compress(b"\0" + b"\x80" * (size * rows - 1), 9)
+        data = repeated_byte(size * rows)
         offsets += struct.pack("<Q", at + len(blocks))
         blocks += struct.pack("<ii", y, len(data)) + data
     return header + offsets + blocks

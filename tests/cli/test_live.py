@@ -6,6 +6,7 @@ import shutil
 import signal
 import socket
 import subprocess
+import tempfile
 import time
 import unittest
 
@@ -25,23 +26,24 @@ def quick(*more):
 class Live(CliTest):
     """Cameras of the sample capture."""
 
-    def setUp(self):
-        super().setUp()
-        prepared = self.path("prepared")
-        self.stgs("prepare", harness.sample(), "-o", "prepared", "--frames", "0:2", "--scale", "0.1",
-                  "--test-cameras", "none")
-        with open(os.path.join(prepared, "capture.json"), encoding="utf-8") as file:
-            capture = json.load(file)
-        self.names, self.cameras = [], []
+    @classmethod
+    def setUpClass(cls):
+        with tempfile.TemporaryDirectory(prefix="stgs-cli-") as folder:
+            prepared = os.path.join(folder, "prepared")
+            subprocess.run([harness.STGS, "prepare", harness.sample(), "-o", prepared, "--frames", "0:1", "--scale",
+                            "0.1", "--test-cameras", "none", "--no-split"],
+                           capture_output=True, check=True)
+            with open(os.path.join(prepared, "capture.json"), encoding="utf-8") as file:
+                capture = json.load(file)
+        cls.names, cls.cameras = [], []
         for camera in capture["cameras"][:CAMERAS]:
             scale, rotation, translation = 480 / camera["width"], camera["rotation"], camera["translation"]
-            self.names.append(camera["name"])
-            self.cameras.append({
+            cls.names.append(camera["name"])
+            cls.cameras.append({
                 "name": camera["name"], "width": 480, "height": 360,
                 "K": [[camera["fx"] * scale, 0, camera["cx"] * scale],
                       [0, camera["fy"] * scale, camera["cy"] * scale], [0, 0, 1]],
                 "w2c": [rotation[3 * i:3 * i + 3] + [translation[i]] for i in range(3)]})
-        shutil.rmtree(prepared)
 
     def rig(self, sources, fps=10):
         """Writes rig.json with the source of each camera."""

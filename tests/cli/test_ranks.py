@@ -18,7 +18,7 @@ MPIRUN = ["mpirun", "--allow-run-as-root", "--oversubscribe", "--bind-to", "none
 OPTIONS = ["--backend", "cpu", "--preset", "fast", "--max-primitives", "300", "--set",
            "densify_interval=20", "--threads", "1"]
 # Seconds for a run, and steps of a run that is interrupted: sanitizers are 10 times slower.
-TIMEOUT, STEPS = (600, 1000) if os.environ.get("STGS_SANITIZE") else (120, 10000)
+TIMEOUT, STEPS = (600, 1000) if os.environ.get("STGS_SANITIZE") else (120, 3000)
 
 
 def mpirun_version():
@@ -65,26 +65,26 @@ class Ranks(CliTest):
         self.assert_no_leftovers()
 
     def test_two_processes_train_one_scene(self):
-        args = self.train("--iterations", "600", "--log", "log.jsonl", "--format", "json")
+        args = self.train("--iterations", "300", "--log", "log.jsonl", "--format", "json")
         self.succeeds(*args)
         os.rename(self.path("out.stgs"), self.path("alone.stgs"))
         # Only the first process prints. The run itself checks at its end that all states are equal.
         result = self.both_succeed(args)
         report = json.loads(result.stdout)
         self.check_schema("train", report)
-        self.assertEqual((report["processes"], report["iterations"]), (2, 600))
+        self.assertEqual((report["processes"], report["iterations"]), (2, 300))
         self.assertEqual(result.stderr.count("training on cpu"), 1)
-        self.assertIn("2 processes train one view each per step: 600 iterations (views) take "
-                      "300 steps", result.stderr)
+        self.assertIn("2 processes train one view each per step: 300 iterations (views) take "
+                      "150 steps", result.stderr)
         lines = [json.loads(line) for line in self.read("log.jsonl").splitlines()]
         steps = [line["iteration"] for line in lines if "loss" in line]
-        self.assertEqual(steps, [2, *range(50, 601, 50)])
+        self.assertEqual(steps, [2, *range(50, 301, 50)])
         self.assertNotEqual(self.read("out.stgs"), self.read("alone.stgs"))
 
     def test_repeated_runs_give_the_same_scene(self):
         scenes = []
         for _ in range(2):
-            self.both_succeed(self.train("--iterations", "300"))
+            self.both_succeed(self.train("--iterations", "150"))
             scenes.append(self.read("out.stgs"))
         self.assertEqual(scenes[0], scenes[1])
 

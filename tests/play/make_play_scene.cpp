@@ -12,7 +12,7 @@ int main(int argc, char** argv) {
     std::fprintf(stderr, "usage: make_play_scene FILE.stgs\n");
     return 1;
   }
-  Scene scene = testing::random_scene(6000, 1, 90, 9);
+  Scene scene = testing::random_scene(2000, 1, 90, 9);
   scene.metadata.title = "random scene";
   scene.metadata.background[0] = 0.2f;
   scene.metadata.background[2] = 0.5f;

@@ -295,10 +295,11 @@ def one_segment(payload, n, *, count=1, degree=0, layouts=None):
 def primitives(size, n, degree):
     """Primitives of one byte each: all planes have a table of one symbol."""
     n = min(n, size)
-    streams = few_planes(n) if degree == 0 else constant_streams(n, degree)
+    streams = few_planes(1) if degree == 0 else constant_streams(1, degree)
     tables_of = []
     give_tables([streams], tables_of)
-    payload = Body(streams, n, layout=0, tables=tables_of).payload(-1, 0, 0)
+    # Their units are empty, for any n.
+    payload = Body(streams, n, layout=0, tables=tables_of, degrees=[n] * degree).payload(-1, 0, 0)
     return one_segment(payload, n, count=max(1, size // (len(payload) + 80)), degree=degree,
                        layouts=layouts_payload(tables_of, [streams]))
 

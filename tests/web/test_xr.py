@@ -63,15 +63,10 @@ class Xr(PackageCase):
         self.assertGreater(most, 200)
 
     def test_each_eye_of_canted_displays_has_its_order(self):
-        for degrees in (0, 0.02, 5, 10):
+        for degrees in (0.02, 10):
             values = self.check("compareCanted", CAMERA, degrees * 3.14159 / 180)
             print(f"{degrees} degrees:", [f"{value:.1f} dB" for value in values], flush=True)
             self.assertGreater(min(values), 50)
-
-    def test_cost_of_two_eyes(self):
-        one, two = self.check("measureViews", CAMERA, 20)
-        print(f"one view {one:.1f} ms, two views {two:.1f} ms", flush=True)
-        self.assertGreater(two, 0)
 
     def test_it_plays_and_the_controller_pauses(self):
         self.show()

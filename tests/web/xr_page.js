@@ -121,27 +121,4 @@ window.compareCanted = async (camera, angle) => {
   return out;
 };
 
-/** Milliseconds per frame with one view and with two views of this size. */
-window.measureViews = async (camera, frames) => {
-  const { renderer, info } = await decode("scene.stgs", document.createElement("canvas"), 1);
-  const ticks = 1 / info.tickSeconds;
-  const gl = renderer.context;
-  gl.canvas.width = 2 * camera.width;
-  gl.canvas.height = camera.height;
-  await renderer.renderExactly({ ...camera, width: 2 * camera.width }, ticks);
-  const measure = (count) => {
-    const views = [0, 1].slice(0, count).map((k) => ({ x: k * camera.width, y: 0, camera }));
-    const start = performance.now();
-    for (let k = 0; k < frames; ++k) {
-      renderer.renderViews(null, views, ticks, false);
-      gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4)); // waits
-    }
-    return (performance.now() - start) / frames;
-  };
-  measure(1);
-  const out = [measure(1), measure(2)];
-  renderer.destroy();
-  return out;
-};
-
 window.ready = true;
