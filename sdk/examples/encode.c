@@ -36,7 +36,7 @@ static stgs_result prepare(const char* capture, const char* prepared, int draft)
   stgs_prepare_settings_defaults(&settings, sizeof settings);
   if (draft) {
     settings.end_frame = 2;
-    settings.scale = 0.25;
+    settings.scale = 0.125;
     settings.max_static_points = 1000;
     settings.max_dynamic_points = 100;
   }

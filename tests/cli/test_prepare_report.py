@@ -11,7 +11,7 @@ from harness import CliTest
 @unittest.skipUnless(harness.built_in("prepare"), "prepare is not built in")
 class PrepareReport(CliTest):
     def report(self, *options):
-        done = self.succeeds("prepare", harness.sample(), "-o", "out", "--frames", "0:2", "--scale", "0.1", *options)
+        done = self.succeeds("prepare", harness.sample(), "-o", "out", "--frames", "0:2", "--scale", "0.2", *options)
         return pathlib.Path(self.path("out"), "report/index.html").read_text(encoding="utf-8"), done.stderr.decode()
 
     def test_a_sound_capture(self):

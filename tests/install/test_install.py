@@ -49,9 +49,10 @@ class Install(unittest.TestCase):
     def test_the_example_frames_a_scene_without_a_start_camera(self):
         run(ARGUMENTS.minimal, self.at("no_camera.stgs"), "0.1", self.at("no_camera.png"))
         width, height, pixels = read_png(self.at("no_camera.png"))
-        middle = [pixels[3 * (width * y + x):][:3] for y in range(height // 4, 3 * height // 4)
+        colours = [pixels[k:k + 3] for k in range(0, len(pixels), 3)]
+        middle = [colours[width * y + x] for y in range(height // 4, 3 * height // 4)
                   for x in range(width // 4, 3 * width // 4)]
-        edges = [pixels[3 * (width * y + x):][:3] for y in (0, height - 1) for x in range(width)]
+        edges = colours[:width] + colours[-width:]
         self.assertGreater(len(set(middle)), 50)
         # The complete scene is in the image, except the rims of some splats.
         self.assertGreater(edges.count(edges[0]), 0.8 * len(edges))

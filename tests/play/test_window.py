@@ -205,11 +205,10 @@ class WindowTest(unittest.TestCase):
             time.sleep(0.05)
         self.fail(f"no {name}")
 
-    def after(self, *steps, time_of=1.5):
+    def after(self, *steps, time_of=1.5, size="400x300"):
         """Returns play's report of a scene that starts paused, after `steps`: xdotool commands, and
         delays in seconds."""
-        process = self.start("scene.stgs", "--size", f"{WIDTH}x{HEIGHT}", "--paused", "--time",
-                             str(time_of))
+        process = self.start("scene.stgs", "--size", size, "--paused", "--time", str(time_of))
         self.window_of("random scene")
         self.xdotool("key", "p")
         self.wait_for("stgs-001.png")  # the scene is shown
@@ -242,7 +241,8 @@ class WindowTest(unittest.TestCase):
 
     def test_the_mouse_seeks_in_the_timeline(self):
         begin = f"mousemove {round(0.75 * WIDTH)} {HEIGHT - 41}"  # the window is at 0, 0
-        seconds = self.after(begin, 0.5, "mousedown 1", 0.5, "mouseup 1", 0.5)["seconds"]
+        seconds = self.after(begin, 0.5, "mousedown 1", 0.5, "mouseup 1", 0.5,
+                             size=f"{WIDTH}x{HEIGHT}")["seconds"]
         self.assertAlmostEqual(seconds, 0.75 * 3, delta=0.1)
 
     def test_keys_and_wheel_move_the_camera_and_r_resets_it(self):

@@ -13,8 +13,7 @@ class Three(EngineCase):
                "iwer.js": "iwer/build/iwer.module.js"}
 
     def test_it_shows_the_image_of_the_player(self):
-        for parameters in ({}, {"logarithmicDepthBuffer": True}, {"reversedDepthBuffer": True},
-                           {"antialias": True}):
+        for parameters in ({}, {"antialias": True}):
             value = self.check("compareAlone", parameters)
             print(f"{parameters}: {value:.1f} dB", flush=True)
             self.assertGreater(value, 40, parameters)

@@ -74,7 +74,7 @@ class Viewer(unittest.TestCase):
 
     def setUp(self):
         self.browser.problems.clear()
-        self.browser.resize(640, 360)
+        self.browser.resize(480, 270)
         self.check = self.browser.evaluate
         self.wait = self.browser.wait_for
 
