@@ -145,7 +145,7 @@ class Preparing(CliTest):
         inside = ["unshare", "--user", "--map-root-user", "--pid", "--fork", "--kill-child"]
         if subprocess.run([*inside, "true"], check=False, capture_output=True).returncode != 0:
             self.skipTest("namespaces are not allowed here")
-        args = [*inside, harness.STGS, "prepare", harness.sample(), "-o", "out", "--scale", "0.25",
+        args = [*inside, harness.STGS, "prepare", harness.sample(), "-o", "out", "--scale", "0.125",
                 "--frames", "0:2"]
         with subprocess.Popen([*args, "--progress", "json"], cwd=self.work,
                               stderr=subprocess.PIPE) as first:
