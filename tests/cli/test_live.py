@@ -2,6 +2,7 @@
 """`stgs live`: a rig whose frames arrive as videos, growing folders, pipes and network streams."""
 import json
 import os
+import resource
 import shutil
 import signal
 import socket
@@ -14,7 +15,7 @@ import harness
 from harness import CliTest, built_in
 
 USAGE, IO, INVALID, RUNTIME = 1, 2, 3, 4
-CAMERAS, FRAMES = 4, 20
+CAMERAS, STREAMS, FRAMES = 4, 8, 20
 
 
 def quick(*more):
@@ -35,15 +36,16 @@ class Live(CliTest):
                            capture_output=True, check=True)
             with open(os.path.join(prepared, "capture.json"), encoding="utf-8") as file:
                 capture = json.load(file)
-        cls.names, cls.cameras = [], []
-        for camera in capture["cameras"][:CAMERAS]:
+        cls.names, cls.streams, cls.cameras = [], [], []
+        for camera in capture["cameras"][:STREAMS]:
             scale, rotation, translation = 480 / camera["width"], camera["rotation"], camera["translation"]
-            cls.names.append(camera["name"])
+            cls.streams.append(camera["name"])
             cls.cameras.append({
                 "name": camera["name"], "width": 480, "height": 360,
                 "K": [[camera["fx"] * scale, 0, camera["cx"] * scale],
                       [0, camera["fy"] * scale, camera["cy"] * scale], [0, 0, 1]],
                 "w2c": [rotation[3 * i:3 * i + 3] + [translation[i]] for i in range(3)]})
+        cls.names = cls.streams[:CAMERAS]
 
     def rig(self, sources, fps=10):
         """Writes rig.json with the source of each camera."""
@@ -79,6 +81,21 @@ class Live(CliTest):
         self.assertEqual(windows[0]["frames"], 8)
         self.assertEqual(sorted(os.listdir(self.work)),
                          sorted(["log.jsonl", "out.stgs", "rig.json", *(f"{name}.mp4" for name in self.names)]))
+        self.check_full_disk(windows[0]["bytes"] + windows[1]["bytes"] // 2)
+
+    def check_full_disk(self, limit):
+        """Repeats a recording with files of at most `limit` bytes, more than its first window has."""
+        def limit_files():
+            signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # writing fails instead
+            resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
+        result = subprocess.run([harness.STGS, "live", "rig.json", "-o", "full.stgs", *quick()], cwd=self.work,
+                                preexec_fn=limit_files, capture_output=True, text=True, timeout=120)
+        self.assertEqual(result.returncode, IO, result.stderr)
+        self.assertIn("contain static content only", result.stderr)
+        self.json_of("finalize", "full.stgs", "-o", "saved.stgs")
+        self.json_of("validate", "saved.stgs")
+        self.assertEqual(self.json_of("info", "saved.stgs")["frames"], 8)
 
     def test_folders_grow_and_a_camera_stalls(self):
         images = {}
@@ -109,10 +126,10 @@ class Live(CliTest):
         self.check(report, FRAMES)
         self.assertGreaterEqual(report["images"]["missing"], 1)
 
-    def senders(self, loops, url_of, *options):
-        """Sends each video several times, at its own pace, to the address of its camera."""
+    def senders(self, names, loops, url_of, *options):
+        """Sends the video of each camera several times, at its own pace, to its address."""
         out = []
-        for i, name in enumerate(self.names):
+        for i, name in enumerate(names):
             out.append(subprocess.Popen(
                 ["ffmpeg", "-v", "error", "-re", "-stream_loop", str(loops), "-i", os.path.join(harness.sample(), f"{name}.mp4"), *options,
                  "-f", "mpegts", url_of(i)], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
@@ -133,7 +150,7 @@ class Live(CliTest):
         self.rig([f"{name}.pipe" for name in self.names], fps=30)
         args = [harness.STGS, "live", "rig.json", "-o", "out.stgs", "--format", "json", *quick()]
         with subprocess.Popen(args, cwd=self.work, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-            senders = self.senders(4, lambda i: f"file:{paths[i]}", "-y", "-c", "copy")
+            senders = self.senders(self.names, 4, lambda i: f"file:{paths[i]}", "-y", "-c", "copy")
             output, error = process.communicate(timeout=120)
             for sender in senders:
                 sender.wait(30)
@@ -145,18 +162,19 @@ class Live(CliTest):
 
     def test_network_streams_until_ctrl_c(self):
         ports = []
-        for _ in self.names:  # free ones
+        for _ in self.streams:  # free ones
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
                 probe.bind(("127.0.0.1", 0))
                 ports.append(probe.getsockname()[1])
-        self.rig([f"udp://127.0.0.1:{port}" for port in ports])  # of 30 fps, of which every third is used
+        self.rig([f"udp://127.0.0.1:{port}" for port in ports])
         args = [harness.STGS, "live", "rig.json", "-o", "out.stgs", "--format", "json", *quick()]
         with open(self.path("stderr.txt"), "wb") as error:
             process = subprocess.Popen(args, cwd=self.work, stdout=subprocess.PIPE, stderr=error)
         self.addCleanup(process.stdout.close)
         self.addCleanup(process.wait)
         self.addCleanup(process.kill)
-        self.senders(30, lambda i: f"udp://127.0.0.1:{ports[i]}?pkt_size=1316", "-c:v", "mpeg2video", "-g", "1")
+        self.senders(self.streams, 30, lambda i: f"udp://127.0.0.1:{ports[i]}?pkt_size=1316", "-r", "10", "-c:v",
+                     "mpeg2video", "-g", "1")
         # The recording can be read while it grows.
         deadline, frames = time.monotonic() + 60, 0
         while frames < 8 and time.monotonic() < deadline:
@@ -169,7 +187,7 @@ class Live(CliTest):
         output, _ = process.communicate(timeout=60)
         self.assertEqual(process.returncode, 0, self.read("stderr.txt"))
         report = json.loads(output)
-        self.assertEqual(report["cameras"], CAMERAS)
+        self.assertEqual(report["cameras"], STREAMS)
         self.assertEqual(self.json_of("info", "out.stgs")["frames"], report["frames"])
 
     def test_mistakes(self):

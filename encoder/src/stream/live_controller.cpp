@@ -11,7 +11,7 @@ namespace {
 constexpr double kStages = 3;
 constexpr int kMinWindow = 8;      // frames; in fewer, moving content looks static
 constexpr int kMaxBacklog = 4;     // windows that become one
-constexpr double kReserve = 0.85;  // of the time of a window
+constexpr double kReserve = 0.9;   // of the time of a window
 constexpr double kCatchUp = 0.25;  // of it with a backlog
 constexpr int kMinIterations = 60;
 constexpr double kLearn = 0.3;  // weight of a new duration

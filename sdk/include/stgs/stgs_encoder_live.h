@@ -111,7 +111,7 @@ typedef struct stgs_live_settings {
                                      * deliver, at least two, and ignores the others */
   stgs_preset preset;               /* upper bound of the work per window; default
                                      * STGS_PRESET_FAST */
-  stgs_backend backend;             /* of training and stereo, as in stgs_train_settings */
+  stgs_backend backend;             /* as in stgs_train_settings, of all work on a GPU */
   uint32_t iterations;              /* views to train on per window at most, up to 10^8; 0
                                      * (default): from the preset */
   uint32_t max_primitives;          /* of a window, with static ones, up to 2 * 10^8; 0 (default):
