@@ -70,6 +70,8 @@ Result<Camera> camera_from_json(const nlohmann::json& json, const std::string& w
     camera.cx = read_number(json, "cx");
     camera.cy = read_number(json, "cy");
     if (json.contains("test")) camera.test = read_value<bool>(json, "test", "true or false");
+    if (json.contains("time_offset")) camera.time_offset = read_number(json, "time_offset");
+    if (json.contains("fps")) camera.fps = read_number(json, "fps");
     read_numbers(json, "rotation", camera.rotation);
     read_numbers(json, "translation", camera.translation);
   } catch (const std::exception& error) {
@@ -83,16 +85,20 @@ Result<Camera> camera_from_json(const nlohmann::json& json, const std::string& w
 }
 
 nlohmann::ordered_json camera_to_json(const Camera& camera) {
-  return {{"name", camera.name},
-          {"width", camera.width},
-          {"height", camera.height},
-          {"fx", camera.fx},
-          {"fy", camera.fy},
-          {"cx", camera.cx},
-          {"cy", camera.cy},
-          {"rotation", std::vector<double>(camera.rotation, camera.rotation + 9)},
-          {"translation", std::vector<double>(camera.translation, camera.translation + 3)},
-          {"test", camera.test}};
+  nlohmann::ordered_json json = {
+      {"name", camera.name},
+      {"width", camera.width},
+      {"height", camera.height},
+      {"fx", camera.fx},
+      {"fy", camera.fy},
+      {"cx", camera.cx},
+      {"cy", camera.cy},
+      {"rotation", std::vector<double>(camera.rotation, camera.rotation + 9)},
+      {"translation", std::vector<double>(camera.translation, camera.translation + 3)},
+      {"test", camera.test}};
+  if (camera.time_offset != 0) json["time_offset"] = camera.time_offset;
+  if (camera.fps != 0) json["fps"] = camera.fps;
+  return json;
 }
 
 Result<Camera> parse_camera(std::string_view text, const std::string& where) {
@@ -129,6 +135,14 @@ Status check_camera(const Camera& camera, const std::string& where) {
   }
   if (!std::all_of(camera.translation, camera.translation + 3, finite_in_float)) {
     return invalid_file("{}: camera '{}': translation is not finite", where, camera.name);
+  }
+  if (!(std::abs(camera.time_offset) <= kMaxTimeOffset)) {
+    return invalid_file("{}: camera '{}': time_offset is {} (expected at most {} seconds)", where,
+                        camera.name, camera.time_offset, kMaxTimeOffset);
+  }
+  if (camera.fps != 0 && !(camera.fps >= kMinFps && camera.fps <= kMaxFps)) {
+    return invalid_file("{}: camera '{}': fps is {} (expected {} to {})", where, camera.name,
+                        camera.fps, kMinFps, kMaxFps);
   }
   return {};
 }

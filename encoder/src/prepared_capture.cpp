@@ -128,6 +128,23 @@ std::vector<Camera> PreparedCapture::training_cameras() const {
   return training;
 }
 
+std::int64_t PreparedCapture::own_frame(const Camera& camera, int frame) const {
+  constexpr double kTie = 1e-6;  // of two images that are equally near, the later one
+  const std::int64_t number = std::int64_t{first_frame} + frame;
+  if (camera.time_offset == 0 && camera.fps == 0) return number;
+  const double seconds = time_base.seconds(static_cast<double>(number)) - camera.time_offset;
+  const double fps = camera.fps > 0 ? camera.fps : 1 / time_base.seconds(1);
+  return static_cast<std::int64_t>(std::floor(seconds * fps + 0.5 + kTie));
+}
+
+double PreparedCapture::time_of(const Camera& camera, int frame) const {
+  if (camera.time_offset == 0 && camera.fps == 0) return frame + camera.time_shift;
+  const double second = 1 / time_base.seconds(1);  // in ticks
+  const auto own = static_cast<double>(own_frame(camera, frame));
+  const double since = camera.fps > 0 ? own / camera.fps * second : own;
+  return since + camera.time_offset * second - first_frame + camera.time_shift;
+}
+
 std::string PreparedCapture::frame_path(const Camera& camera, int frame) const {
   return fmt::format("{}/frames/{}/{:06}.{}", folder, camera.name, frame + frame_offset(),
                      frame_extension);

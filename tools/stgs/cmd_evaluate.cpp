@@ -284,7 +284,9 @@ class Evaluate final : public Command {
     const float* b = metadata.background;
     const player::View view{cameras_[job.camera].pinhole(metadata.near_plane), {b[0], b[1], b[2]}};
     std::vector<player::Frame> frames;
-    const double seconds = metadata.time_base.seconds(job.frame);
+    const double ticks = capture_.time_of(cameras_[job.camera], job.frame);
+    const double seconds =
+        metadata.time_base.seconds(std::clamp(ticks, 0.0, static_cast<double>(metadata.frames)));
     STGS_TRY(with_render_time(renderer.render(timeline, seconds, {view}, frames, nullptr),
                               shown_file(), seconds));
     STGS_TRY(encoder::check_finite(frames[0].colour, name_at_time(shown_file(), seconds)));

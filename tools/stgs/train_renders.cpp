@@ -121,7 +121,7 @@ Status add_renders(const TrainReportInput& input, OutputFolder& files, encoder::
     STGS_ASSIGN(const encoder::Image8 ground_truth,
                 encoder::load_frame(capture, camera, view.frame));
     const Image truth = encoder::to_float(ground_truth);
-    const Image& render = renders.render(camera, view.frame);
+    const Image& render = renders.render(camera, capture.time_of(camera, view.frame));
     const double psnr = encoder::psnr_of(encoder::mean_squared_error(render, truth));
     const std::string name = fmt::format("{}_{:06}.png", camera.name, view.frame);
     const std::string caption = fmt::format("{}, frame {}", camera.name, view.frame);

@@ -115,6 +115,8 @@ Result<CameraPlan> plan_camera(const SourceCamera& given, const FrameInfo& info,
   plan.camera.cy = source.cy * sy;
   std::copy_n(source.rotation, 9, plan.camera.rotation);
   std::copy_n(source.translation, 3, plan.camera.translation);
+  plan.camera.time_offset = source.time_offset;
+  plan.camera.fps = source.fps;
   return plan;
 }
 

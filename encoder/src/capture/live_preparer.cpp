@@ -62,6 +62,12 @@ class Rig final : public LivePreparer {
 
   Status open(double fps, const LogSink& log) {
     STGS_TRY(load(log));
+    if (source_.has_timing) {
+      return usage_error(
+          "{}: has timing.json, but live encoding needs synchronised cameras; "
+          "synchronise them and remove the file",
+          name_);
+    }
     return take_cameras(fps);
   }
 

@@ -9,6 +9,7 @@
 #include "plural.h"
 #include "stgs/encoder/camera_json.h"
 #include "stgs/format/parallel.h"
+#include "timing_file.h"
 #include "write_frames.h"
 
 namespace stgs::encoder {
@@ -16,6 +17,7 @@ namespace {
 
 // Depth needs a second view.
 constexpr std::size_t kMinTrainingCameras = 2;
+constexpr int kMaxSourceFrames = 1'000'000'000;  // beyond the last frame of every camera
 
 Result<std::vector<FrameInfo>> probe_all(const SourceCapture& source) {
   const std::size_t count = source.cameras.size();
@@ -35,8 +37,27 @@ Result<std::vector<FrameInfo>> probe_all(const SourceCapture& source) {
   return infos;
 }
 
-Status choose_range(const SourceCapture& source, const std::vector<FrameInfo>& infos,
-                    const PrepareSettings& settings, PreparedCapture& capture) {
+// Returns the frames of the capture that a camera has, of its `images`.
+FrameSpan frames_of(const PreparedCapture& capture, const Camera& camera, int images) {
+  // The first frame whose image is not before image `own`.
+  const auto first = [&](int own) {
+    int low = 0, high = kMaxSourceFrames;
+    while (low < high) {
+      const int middle = low + (high - low) / 2;
+      if (capture.own_frame(camera, middle) < own) {
+        low = middle + 1;
+      } else {
+        high = middle;
+      }
+    }
+    return low;
+  };
+  return {first(0), first(images)};
+}
+
+// Checks the selected frames of synchronised cameras.
+Status check_range(const SourceCapture& source, const std::vector<FrameInfo>& infos,
+                   const PrepareSettings& settings) {
   const auto shorter = [](const FrameInfo& a, const FrameInfo& b) { return a.frames < b.frames; };
   const auto [shortest, longest] = std::minmax_element(infos.begin(), infos.end(), shorter);
   const std::string& short_name = source.cameras[shortest - infos.begin()].name;
@@ -45,9 +66,10 @@ Status choose_range(const SourceCapture& source, const std::vector<FrameInfo>& i
   if (settings.end_frame < 0 && shortest->frames != longest->frames) {
     return invalid_file(
         "{}: the cameras are not synchronised: camera '{}' has {}, camera '{}' has {}; trim the "
-        "capture, or select frames that all cameras have (--frames {}:{})",
+        "capture, select frames that all cameras have (--frames {}:{}), or state the times of the "
+        "cameras in {}",
         source.folder, short_name, plural(shortest->frames, "frame"), long_name, longest->frames,
-        std::min(first, shortest->frames - 1), shortest->frames);
+        std::min(first, shortest->frames - 1), shortest->frames, kTimingFile);
   }
   const int end = settings.end_frame < 0 ? shortest->frames : settings.end_frame;
   if (end > shortest->frames && !settings.protocol.empty()) {
@@ -60,32 +82,92 @@ Status choose_range(const SourceCapture& source, const std::vector<FrameInfo>& i
         "--frames",
         source.folder, first, end, short_name, plural(shortest->frames, "frame"));
   }
-  for (const SourceCamera& camera : source.cameras) {
-    if (camera.masks.empty() || static_cast<int>(camera.masks.size()) >= end) continue;
-    return io_error("{}: camera '{}' has {} for frames {}:{}; frame {} is the first without one",
-                    source.folder, camera.name, plural(camera.masks.size(), "mask"), first, end,
-                    camera.masks.size());
-  }
-  capture.first_frame = first;
-  capture.frames = end - first;
   return {};
 }
 
-Status choose_rate(const SourceCapture& source, const std::vector<FrameInfo>& infos,
-                   const PrepareSettings& settings, PreparedCapture& capture, const LogSink& log) {
-  double fps = 0;
+// Returns the frames that all cameras have.
+Result<FrameSpan> common_frames(const SourceCapture& source, const std::vector<FrameInfo>& infos,
+                                const PreparedCapture& capture) {
+  FrameSpan common{0, kMaxSourceFrames};
+  std::size_t last = 0, shortest = 0;  // the cameras with the latest begin and the earliest end
+  for (std::size_t i = 0; i < infos.size(); ++i) {
+    const FrameSpan span = frames_of(capture, capture.cameras[i], infos[i].frames);
+    if (span.begin > common.begin) common.begin = span.begin, last = i;
+    if (span.end < common.end) common.end = span.end, shortest = i;
+  }
+  if (common.size() > 0) return common;
+  return invalid_file(
+      "{}: camera '{}' begins at frame {} of the capture, after camera '{}' ends at frame {}; "
+      "correct their times in {}",
+      source.folder, capture.cameras[last].name, common.begin, capture.cameras[shortest].name,
+      common.end, kTimingFile);
+}
+
+// Returns the selected frames of cameras that state their times.
+Result<FrameSpan> choose_common(const SourceCapture& source, const std::vector<FrameInfo>& infos,
+                                const PrepareSettings& settings, const PreparedCapture& capture,
+                                const LogSink& log) {
+  STGS_ASSIGN(const FrameSpan common, common_frames(source, infos, capture));
+  const bool all = settings.end_frame < 0;
+  const FrameSpan chosen{all ? std::max(settings.first_frame, common.begin) : settings.first_frame,
+                         all ? common.end : settings.end_frame};
+  if (chosen.begin < common.begin || chosen.end > common.end || chosen.size() < 1) {
+    return usage_error(
+        "{}: frames {}:{} are out of range: the cameras have frames {}:{} in common; choose others "
+        "with --frames",
+        source.folder, chosen.begin, chosen.end, common.begin, common.end);
+  }
+  log(2, fmt::format("{}: the cameras have frames {}:{} in common", source.folder, common.begin,
+                     common.end));
+  return chosen;
+}
+
+Status choose_range(const SourceCapture& source, const std::vector<FrameInfo>& infos,
+                    const PrepareSettings& settings, PreparedCapture& capture, const LogSink& log) {
+  FrameSpan chosen{settings.first_frame, settings.end_frame};
+  if (source.has_timing) {
+    STGS_ASSIGN(chosen, choose_common(source, infos, settings, capture, log));
+  } else {
+    STGS_TRY(check_range(source, infos, settings));
+    if (chosen.end < 0) chosen.end = infos.front().frames;
+  }
+  for (std::size_t i = 0; i < infos.size(); ++i) {
+    const SourceCamera& camera = source.cameras[i];
+    const std::int64_t last = capture.own_frame(capture.cameras[i], chosen.end - 1);
+    if (camera.masks.empty() || std::ssize(camera.masks) > last) continue;
+    return io_error("{}: camera '{}' has {} for frames {}:{}; frame {} is the first without one",
+                    source.folder, camera.name, plural(camera.masks.size(), "mask"), chosen.begin,
+                    chosen.end, camera.masks.size());
+  }
+  capture.first_frame = chosen.begin;
+  capture.frames = chosen.size();
+  return {};
+}
+
+// Returns the frame rate of the cameras that state none of their own, else the highest; 0: unknown.
+Result<double> stated_rate(const SourceCapture& source, const std::vector<FrameInfo>& infos) {
+  double fps = 0, own = 0;
   std::size_t from = 0;
   for (std::size_t i = 0; i < infos.size(); ++i) {
-    if (infos[i].fps <= 0) continue;
+    own = std::max(own, source.cameras[i].fps);
+    if (infos[i].fps <= 0 || source.cameras[i].fps > 0) continue;
     if (fps > 0 && std::abs(infos[i].fps - fps) > 1e-3 * fps) {
       return invalid_file(
           "{}: the cameras are not synchronised: camera '{}' has {:.3f} fps, camera '{}' has "
-          "{:.3f} fps; convert the videos to one frame rate",
-          source.folder, source.cameras[i].name, infos[i].fps, source.cameras[from].name, fps);
+          "{:.3f} fps; convert the videos to one frame rate, or state the rate of cameras that "
+          "differ in {}",
+          source.folder, source.cameras[i].name, infos[i].fps, source.cameras[from].name, fps,
+          kTimingFile);
     }
     if (fps == 0) fps = infos[i].fps, from = i;
   }
   if (fps == 0) fps = source.fps;
+  return fps > 0 ? fps : own;
+}
+
+Status choose_rate(const SourceCapture& source, const std::vector<FrameInfo>& infos,
+                   const PrepareSettings& settings, PreparedCapture& capture, const LogSink& log) {
+  STGS_ASSIGN(double fps, stated_rate(source, infos));
   if (settings.fps > 0 && fps > 0 && std::abs(settings.fps - fps) > 1e-3 * fps) {
     log(1, fmt::format("{}: --fps {:.3f} overrides the stated {:.3f} fps", source.folder,
                        settings.fps, fps));
@@ -95,9 +177,9 @@ Status choose_rate(const SourceCapture& source, const std::vector<FrameInfo>& in
     fps = 30;
     log(1, source.folder + ": no frame rate stated; assuming 30 fps (set it with --fps)");
   }
-  if (!(fps >= 0.001 && fps <= 100000)) {
-    return invalid_file("{}: invalid frame rate {} fps (expected 0.001 to 100000)", source.folder,
-                        fps);
+  if (!(fps >= kMinFps && fps <= kMaxFps)) {
+    return invalid_file("{}: invalid frame rate {} fps (expected {} to {})", source.folder, fps,
+                        kMinFps, kMaxFps);
   }
   capture.time_base = frame_time_of(fps);
   return {};
@@ -134,9 +216,14 @@ Status check_flow(const SourceCapture& source, const PreparedCapture& capture) {
   if (source.flow_folder.empty()) return {};
   for (const Camera& camera : capture.cameras) {
     for (int frame = 0; !camera.test && frame + 1 < capture.frames; ++frame) {
-      STGS_ASSIGN([[maybe_unused]] const std::string path,
-                  init::find_flow(*source.files, source.flow_folder, camera.name,
-                                  capture.first_frame + frame));
+      const auto own = static_cast<int>(capture.own_frame(camera, frame));
+      STGS_ASSIGN(const std::string path,
+                  init::find_flow(*source.files, source.flow_folder, camera.name, own));
+      if (path.empty() || camera.fps == 0) continue;
+      return unsupported(
+          "{}: optical flow of a camera with a frame rate of its own ({}); remove "
+          "it",
+          path, kTimingFile);
     }
   }
   return {};
@@ -166,7 +253,6 @@ Result<std::vector<CameraPlan>> plan_frames(const SourceCapture& source,
   STGS_TRY(check_camera_count(source.folder, source.cameras));
   STGS_TRY(check_frame_numbers(source, settings.end_frame, log));
   STGS_ASSIGN(const std::vector<FrameInfo> infos, probe_all(source));
-  STGS_TRY(choose_range(source, infos, settings, capture));
   STGS_TRY(choose_rate(source, infos, settings, capture, log));
   std::vector<CameraPlan> plans;
   for (std::size_t i = 0; i < infos.size(); ++i) {
@@ -184,6 +270,7 @@ Result<std::vector<CameraPlan>> plan_frames(const SourceCapture& source,
     capture.cameras.push_back(plan.camera);
     plans.push_back(std::move(plan));
   }
+  STGS_TRY(choose_range(source, infos, settings, capture, log));
   STGS_TRY(split(source, settings, capture));
   STGS_TRY(check_flow(source, capture));
   capture.frame_extension = extension_of(source, plans);

@@ -14,6 +14,7 @@
 #include "stgs/encoder/protocol.h"
 #include "stgs/format/json_text.h"
 #include "stgs/format/text.h"
+#include "timing_file.h"
 
 namespace stgs::encoder {
 namespace {
@@ -293,6 +294,7 @@ Result<SourceCapture> load_checked(const std::shared_ptr<const CaptureFolder>& f
   STGS_TRY(check_source(*capture, false));
   STGS_TRY(attach_masks(*capture, log));
   STGS_TRY(attach_flow(*capture, log));
+  STGS_TRY(attach_timing(*capture));
   const bool own_split = settings.default_test_cameras && settings.test_cameras.empty();
   if (!settings.protocol.empty()) {
     const Protocol* protocol = find_protocol(settings.protocol);

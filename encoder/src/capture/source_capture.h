@@ -42,8 +42,9 @@ struct SourceCamera {
   std::string video;                                 // path
   std::vector<std::string> images;                   // paths in temporal order
   bool numbered = false;                             // the image names end in the frame number
-  std::vector<std::string> masks;  // empty, or one path per frame; 255 (or 1) = moving
-  std::string live_source;         // of a rig (load_rig()): path or URL; empty: `video` or `images`
+  std::vector<std::string> masks;   // empty, or one path per frame; 255 (or 1) = moving
+  double time_offset = 0, fps = 0;  // as in Camera
+  std::string live_source;  // of a rig (load_rig()): path or URL; empty: `video` or `images`
 };
 
 struct SourceCapture {
@@ -54,6 +55,7 @@ struct SourceCapture {
   bool split_known = false;  // the layout states the held-out cameras, possibly none
   double fps = 0;            // stated by the layout; 0: not stated (videos state their own)
   bool metric = false;       // scene units are metres
+  bool has_timing = false;   // cameras state their times, and need not be synchronised
   bool masks_are_not_motion = false;  // masks/ belongs to the layout and marks valid pixels
   std::string flow_folder;            // holds CAM/NNNNNN.flo for some cameras; empty: no flow
   std::vector<InitialPoint> points;   // static points that came with the capture
@@ -66,7 +68,7 @@ std::string_view layout_name(Layout layout);
 // settings.layout is kAuto. The result has:
 //   - at least one camera, with unique names that are valid folder names;
 //   - a frame source and a rigid pose for each camera;
-//   - the masks/ and flow/ next to the frames, which are independent of the layout.
+//   - the masks/, flow/ and timing.json next to the frames, which are independent of the layout.
 // Errors include a capture beyond kCaptureLimits, and a path or link that leaves the folder unless
 // settings.allow_outside.
 // Errors include masks/ or flow/ without anything for any camera, and flow of a camera with lens

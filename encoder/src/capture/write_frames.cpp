@@ -80,6 +80,9 @@ struct CameraJob {
   const PreparedCapture& capture;
   const Camera& camera;
 
+  // Returns the number in the source camera's own sequence of the image that is a frame.
+  int number_of(int frame) const { return static_cast<int>(capture.own_frame(camera, frame)); }
+
   // Returns true if the image files are copied byte for byte.
   bool copies() const {
     return plan.is_identity() && source.video.empty() &&
@@ -88,7 +91,7 @@ struct CameraJob {
 };
 
 Status copy_image(const CameraJob& job, int frame) {
-  const int number = job.capture.first_frame + frame;
+  const int number = job.number_of(frame);
   const std::string& path = job.source.images[static_cast<std::size_t>(number)];
   if (!job.files.exists(path)) {
     return io_error("{}: camera '{}' frame {} not found", path, job.source.name, number);
@@ -116,7 +119,7 @@ Status copy_image(const CameraJob& job, int frame) {
 
 Status write_mask(const CameraJob& job, int frame) {
   if (job.source.masks.empty()) return {};
-  const int number = job.capture.first_frame + frame;
+  const int number = job.number_of(frame);
   const std::string& path = job.source.masks[static_cast<std::size_t>(number)];
   STGS_ASSIGN(const cv::Mat mask,
               decode_file(job.files, path,
@@ -154,7 +157,7 @@ Status write_unguarded(const CameraJob& job, bool copies, int frame, cv::Mat dec
   STGS_TRY(write_mask(job, frame));
   if (copies) return copy_image(job, frame);
   if (decoded.empty()) {
-    STGS_ASSIGN(decoded, read_image(job.files, job.source, job.capture.first_frame + frame,
+    STGS_ASSIGN(decoded, read_image(job.files, job.source, job.number_of(frame),
                                     job.plan.source.width, job.plan.source.height));
   }
   return write_mapped(job, frame, job.mapping.frame(decoded));
@@ -165,18 +168,32 @@ Status write_frame(const CameraJob& job, bool copies, int frame, cv::Mat decoded
   try {
     return write_unguarded(job, copies, frame, std::move(decoded));
   } catch (const std::exception& error) {
-    return runtime_error("camera '{}' frame {}: {}", job.source.name,
-                         job.capture.first_frame + frame, error.what());
+    return runtime_error("camera '{}' frame {}: {}", job.source.name, job.number_of(frame),
+                         error.what());
   }
 }
 
-// Reads the next video frame.
-Result<cv::Mat> read_frame(const CameraJob& job, VideoReader& video, int frame) {
+// Opens the video of a camera before its image that is frame 0.
+Status open_source(const CameraJob& job, SourceVideo& video) {
+  if (video.reader || job.source.video.empty()) return {};
+  const int first = job.number_of(0);
+  STGS_ASSIGN(video.reader, VideoReader::open(job.files, job.source, first));
+  video.next = first;
+  return {};
+}
+
+// Reads the video up to the image that is a frame. Cameras with a frame rate of their own skip
+// images, or have one image for several frames.
+Result<cv::Mat> read_frame(const CameraJob& job, SourceVideo& video, int frame) {
   try {
-    return video.next(job.plan.source.width, job.plan.source.height);
+    while (video.next <= job.number_of(frame)) {
+      STGS_ASSIGN(video.latest, video.reader->next(job.plan.source.width, job.plan.source.height));
+      ++video.next;
+    }
+    return job.camera.fps > 0 ? video.latest : std::move(video.latest);
   } catch (const std::exception& error) {
     return runtime_error("{}: camera '{}' frame {}: {}", job.source.video, job.source.name,
-                         job.capture.first_frame + frame, error.what());
+                         job.number_of(frame), error.what());
   }
 }
 
@@ -187,21 +204,17 @@ struct Step {
 
 // Writes all frames of a camera, in batches. A batch of video frames is decoded in order; then all
 // threads undistort, encode and write its frames.
-void write_camera(const CameraJob& job, std::size_t index, std::unique_ptr<VideoReader>& video,
-                  Counter& counter, FirstError& error) {
-  if (!video && !job.source.video.empty()) {
-    Result<std::unique_ptr<VideoReader>> opened =
-        VideoReader::open(job.files, job.source, job.capture.first_frame);
-    if (!opened.ok()) return error.set(opened.status(), index, 0);
-    video = std::move(*opened);
-  }
+void write_camera(const CameraJob& job, std::size_t index, SourceVideo& video, Counter& counter,
+                  FirstError& error) {
+  if (Status opened = open_source(job, video); !opened.ok())
+    return error.set(std::move(opened), index, 0);
   const bool copies = job.copies();
   int next = 0;
   const auto read = [&]() -> std::optional<Step> {
     if (next == job.capture.frames || counter.cancelled || error.stop()) return std::nullopt;
     Step step{next, {}};
-    if (video) {
-      Result<cv::Mat> image = read_frame(job, *video, next);
+    if (video.reader) {
+      Result<cv::Mat> image = read_frame(job, video, next);
       if (!image.ok()) {
         error.set(image.status(), index, next);
         return std::nullopt;
@@ -233,9 +246,9 @@ void write_camera(const CameraJob& job, std::size_t index, std::unique_ptr<Video
 Status write_frames(const SourceCapture& source, const std::vector<CameraPlan>& plans,
                     const PreparedCapture& capture, OpenVideos& videos,
                     const ProgressSink& progress) {
-  if (videos.readers.empty() || videos.next_frame != capture.first_frame) {
-    videos.readers.clear();
-    videos.readers.resize(plans.size());
+  if (videos.videos.empty() || videos.next_frame != capture.first_frame) {
+    videos.videos.clear();
+    videos.videos.resize(plans.size());
   }
   videos.next_frame = capture.first_frame + capture.frames;
   for (std::size_t i = 0; i < plans.size(); ++i) {
@@ -248,7 +261,7 @@ Status write_frames(const SourceCapture& source, const std::vector<CameraPlan>& 
   }
   // After an error or a cancellation the readers are at unknown frames.
   const auto clear = [&videos](Status status) {
-    if (!status.ok()) videos.readers.clear();
+    if (!status.ok()) videos.videos.clear();
     return status;
   };
   FirstError error;
@@ -259,7 +272,7 @@ Status write_frames(const SourceCapture& source, const std::vector<CameraPlan>& 
       const FrameMapping mapping(plans[i]);
       const CameraJob job{*source.files, source.cameras[i], plans[i],
                           mapping,       capture,           capture.cameras[i]};
-      write_camera(job, i, videos.readers[i], counter, error);
+      write_camera(job, i, videos.videos[i], counter, error);
     });
     return error.status();
   }));

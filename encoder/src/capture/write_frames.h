@@ -15,6 +15,7 @@ namespace stgs::encoder {
 //   - the same number of frames, or all of [settings.first_frame, settings.end_frame);
 //   - the same frame numbers, where file names contain them;
 //   - the same frame rate;
+// or state their times (timing_file.h) and have common frames. They must also have:
 //   - a flow file for every frame, where flow is given.
 // Sets cameras, split, frames, first_frame, time_base and frame_extension of `capture`. plans[i]
 // belongs to source.cameras[i] and capture.cameras[i].
@@ -22,10 +23,17 @@ Result<std::vector<CameraPlan>> plan_frames(const SourceCapture& source,
                                             const PrepareSettings& settings,
                                             PreparedCapture& capture, const LogSink& log);
 
+// The video of a camera, read from front to back.
+struct SourceVideo {
+  std::unique_ptr<VideoReader> reader;  // null: not opened
+  std::int64_t next = 0;                // number of the next image in the video
+  cv::Mat latest;                       // the one before, of a camera with a frame rate of its own
+};
+
 // The videos of a capture while their frames are written range by range, one after the other.
 struct OpenVideos {
-  std::vector<std::unique_ptr<VideoReader>> readers;  // per camera; null: not opened
-  int next_frame = 0;                                 // of the source
+  std::vector<SourceVideo> videos;  // per camera
+  int next_frame = 0;               // of the source
 };
 
 // Writes frames/ and the given masks/ to capture.folder and capture.memory, on all threads; with

@@ -57,8 +57,10 @@ void find_timing(const std::vector<View>& views, const std::vector<LateCamera>& 
     findings->push_back(
         {fmt::format("camera '{}' is {} {} the others", name, frames,
                      is_late ? "later than" : "ahead of"),
-         fmt::format("synchronise the cameras, or remove the first {} of {}", frames,
-                     is_late ? "camera '" + name + "'" : std::string("all other cameras"))});
+         fmt::format("synchronise the cameras, remove the first {} of {}, or make the time_offset "
+                     "of camera '{}' in timing.json {} {}",
+                     frames, is_late ? "camera '" + name + "'" : std::string("all other cameras"),
+                     name, frames, is_late ? "smaller" : "larger")});
   }
 }
 

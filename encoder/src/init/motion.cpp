@@ -99,8 +99,9 @@ Result<cv::Mat> given_flow(const PreparedCapture& capture, const View& view,
                            const InitSettings& settings, int frame) {
   if (settings.flow_folder.empty()) return cv::Mat();
   const CaptureFolder& files = *settings.flow_files;
-  STGS_ASSIGN(const std::string path, find_flow(files, settings.flow_folder, view.camera->name,
-                                                capture.first_frame + frame));
+  const auto own = static_cast<int>(capture.own_frame(*view.camera, frame));
+  STGS_ASSIGN(const std::string path,
+              find_flow(files, settings.flow_folder, view.camera->name, own));
   if (path.empty()) return cv::Mat();
   STGS_ASSIGN(cv::Mat flow, read_flow(files, path));
   const double sx = double(view.width) / flow.cols, sy = double(view.height) / flow.rows;

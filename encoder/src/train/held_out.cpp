@@ -43,7 +43,7 @@ Result<HeldOutViews> HeldOutViews::load(const PreparedCapture& capture, bool tes
     const Camera& camera = capture.cameras[sampled.camera];
     View view;
     view.camera = camera.pinhole(capture.near_plane);
-    view.ticks = static_cast<float>(sampled.frame);
+    view.ticks = static_cast<float>(capture.time_of(camera, sampled.frame));
     STGS_ASSIGN(view.ground_truth, load_frame(capture, camera, sampled.frame));
     held_out.views_.push_back(std::move(view));
   }

@@ -38,6 +38,11 @@ struct Camera {
   double rotation[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};  // world to camera, row-major
   double translation[3] = {0, 0, 0};                 // scene units
   bool test = false;                                 // held out of training
+  // Image j of the camera's own sequence is taken at time_offset + j / fps, in seconds of the
+  // capture, of which frame n of the source is at n times the duration of a frame.
+  double time_offset = 0;  // seconds
+  double fps = 0;          // 0: that of the capture
+  double time_shift = 0;   // not stored: by which training has corrected its times, frames
 
   // Returns the camera for the rasteriser, in single precision. `near_plane` is in scene units.
   math::PinholeCamera pinhole(float near_plane) const;
@@ -55,7 +60,7 @@ struct PreparedCapture {
   std::shared_ptr<const CaptureFolder> files;  // opens the files; null: not read from a folder
   std::vector<Camera> cameras;
   int first_frame = 0;  // number of the first frame in the source
-  int frames = 0;       // frame i of [0, frames) is at time i, in ticks
+  int frames = 0;       // frame i of [0, frames) is at time i, in ticks, if all are synchronised
   TimeBase time_base;   // one tick is one frame
   bool metric = false;  // scene units are metres
   std::string frame_extension = "png";
@@ -79,6 +84,12 @@ struct PreparedCapture {
   int frame_offset() const { return window ? static_cast<int>(window->first_frame) : 0; }
   // Returns the cameras that are not held out, in order.
   std::vector<Camera> training_cameras() const;
+  // Returns the index in the camera's own sequence of the image that is this frame: the one that is
+  // taken nearest to it in time. It may lie outside the sequence.
+  std::int64_t own_frame(const Camera& camera, int frame) const;
+  // Returns the time at which a frame of a camera is taken, in ticks: `frame`, or up to half an
+  // interval between its images before or after it, plus camera.time_shift.
+  double time_of(const Camera& camera, int frame) const;
   // Returns the path of a frame or mask, which need not exist.
   std::string frame_path(const Camera& camera, int frame) const;
   std::string mask_path(const Camera& camera, int frame) const;
