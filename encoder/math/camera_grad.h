@@ -9,18 +9,19 @@
 STGS_MATH_BEGIN
 
 // Gradient with respect to a small motion of the camera, which takes a camera point c to
-// c + rotation x c + translation, to the logarithm of both focal lengths, and to the distortion of
-// the lens (lens.h), of which the change of shapes is left out.
+// c + rotation x c + translation, to the logarithm of both focal lengths, to the distortion of
+// the lens (lens.h), of which the change of shapes is left out, and to the time of the view.
 struct CameraGrad {
   Vec3 rotation;     // radians, camera axes
   Vec3 translation;  // scene units, camera axes
   float log_focal;
   float distortion;
+  float time;  // frames
 };
 
 // Returns the gradient through project_gaussian and through the direction of view, on which the
-// colour depends. `by`: the result of project_gaussian_grad for the same inputs.
-// `by_direction`: gradient of the position through the colour, world space.
+// colour depends, without that of the time. `by`: the result of project_gaussian_grad for the same
+// inputs. `by_direction`: gradient of the position through the colour, world space.
 STGS_FN CameraGrad project_gaussian_camera_grad(PinholeCamera camera, Vec3 mean, Sym3 covariance,
                                                 Sym2 conic, SplatShapeGrad grad, ProjectionGrad by,
                                                 Vec3 by_direction) {
@@ -57,6 +58,7 @@ STGS_FN CameraGrad project_gaussian_camera_grad(PinholeCamera camera, Vec3 mean,
   float y0 = c.y * iz;
   out.distortion =
       (grad.mean.x * camera.fx * x0 + grad.mean.y * camera.fy * y0) * (x0 * x0 + y0 * y0);
+  out.time = 0.0f;
   return out;
 }
 

@@ -27,7 +27,7 @@ TEST_CASE("an interrupted and resumed run gives the same bits") {
   const SyntheticCapture synthetic;
   const std::string checkpoint = synthetic.capture.folder + "/train.ckpt";
   TrainSettings settings = short_run(120);
-  settings.refine_cameras = true;
+  settings.refine_cameras = settings.refine_timing = true;
   const Result<Scene> uninterrupted = run(synthetic, settings);
   REQUIRE(uninterrupted.ok());
 
@@ -261,6 +261,7 @@ TEST_CASE("a checkpoint with impossible corrections of cameras is rejected") {
         StatusCode::kInvalidFile);
   CHECK(resume([](TrainState& s) { s.cameras[1][kVignetting] = -0.7f; }) ==
         StatusCode::kInvalidFile);
+  CHECK(resume([](TrainState& s) { s.cameras[1][kTimeShift] = 1.1f; }) == StatusCode::kInvalidFile);
   CHECK(resume([](TrainState& s) { s.cameras_second[0][0] = -1; }) == StatusCode::kInvalidFile);
   CHECK(resume([&](TrainState& s) { s.camera_sums[0][0] = nan; }) == StatusCode::kInvalidFile);
   CHECK(resume([](TrainState& s) { s.camera_updates[0] = 0xFFFFFFFF; }) ==

@@ -136,6 +136,23 @@ bool same_scene(const Scene& a, const Scene& b) {
 
 }  // namespace
 
+TEST_CASE("the learning rate of refined timing changes the scene; one camera is too few") {
+  const SyntheticCapture synthetic(3, 4);
+  TrainSettings settings = test::short_run(60);
+  settings.refine_timing = true;
+  const Result<Scene> base = test::run(synthetic, settings);
+  settings.overrides.emplace_back("lr_timing", "0.01");
+  const Result<Scene> changed = test::run(synthetic, settings);
+  REQUIRE(base.ok());
+  REQUIRE(changed.ok());
+  CHECK_FALSE(same_scene(*base, *changed));
+  SyntheticCapture few(3, 4);
+  few.capture.cameras[1].test = true;
+  const Status status = test::run(few, settings).status();
+  CHECK(status.code() == StatusCode::kUsage);
+  CHECK(status.message().find("at least 2 training cameras") != std::string::npos);
+}
+
 TEST_CASE("the hyper-parameters of refined cameras change the scene; two cameras are too few") {
   const SyntheticCapture synthetic(4, 4);
   TrainSettings settings = test::short_run(60);
@@ -199,9 +216,9 @@ TEST_CASE("every hyper-parameter changes the scene or is rejected, for every met
   }
   // Only these are rejected.
   CHECK(left_out[""] == std::vector<std::string>{"weight_perceptual", "lr_camera", "camera_pull",
-                                                 "batch_rate", "batch_memory", "plain_until",
-                                                 "plain_prune", "plain_reset", "perceptual_from",
-                                                 "perceptual_patch"});
+                                                 "lr_timing", "batch_rate", "batch_memory",
+                                                 "plain_until", "plain_prune", "plain_reset",
+                                                 "perceptual_from", "perceptual_patch"});
   CHECK(left_out["modulation"].size() == left_out[""].size() + 1);
 }
 

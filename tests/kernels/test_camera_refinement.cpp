@@ -38,7 +38,7 @@ PreparedCapture ring(int cameras) {
 }
 
 // The gradient that pulls a camera upwards, in the world and in its image.
-constexpr math::CameraGrad kUpwards = {{0, 0, 0}, {0, 1, 0}, 0, 0};
+constexpr math::CameraGrad kUpwards = {{0, 0, 0}, {0, 1, 0}, 0, 0, 0};
 
 math::Vec2 centre_of(int x, int y) {
   return {static_cast<float>(x) + 0.5f, static_cast<float>(y) + 0.5f};
@@ -64,8 +64,8 @@ TEST_CASE("a correction that all cameras share is undone, and that of a single o
       add_camera_gradient(all, c, kUpwards, 0);
       add_camera_gradient(one, c, c == 1 ? kUpwards : math::CameraGrad{}, 0);
     }
-    update_cameras(capture, 1e-3f, 0.5f, all);
-    update_cameras(capture, 1e-3f, 0.5f, one);
+    update_cameras(capture, {1e-3f, 0.5f}, all);
+    update_cameras(capture, {1e-3f, 0.5f}, one);
   }
   for (std::size_t c = 0; c < capture.cameras.size(); ++c) {
     CAPTURE(c);
@@ -75,14 +75,36 @@ TEST_CASE("a correction that all cameras share is undone, and that of a single o
   }
 }
 
+TEST_CASE("the times of single cameras are corrected, within a frame, and no pose with them") {
+  const PreparedCapture capture = ring(5);
+  TrainState state, all;
+  begin_refinement(capture.cameras.size(), state);
+  begin_refinement(capture.cameras.size(), all);
+  for (int step = 0; step < 50; ++step) {
+    add_camera_gradient(state, 1, {{1, 1, 1}, {1, 1, 1}, 1, 1, -1}, 1);
+    update_cameras(capture, {.time = 0.1f}, state);
+    for (std::size_t c = 0; c < capture.cameras.size(); ++c)
+      add_camera_gradient(all, c, {{0, 0, 0}, {0, 0, 0}, 0, 0, -1}, 0);
+    update_cameras(capture, {.time = 0.1f}, all);
+  }
+  CameraCorrection late{};
+  late[kTimeShift] = kMaxTimeShift;
+  CHECK(state.cameras[1] == late);
+  for (std::size_t c = 0; c < capture.cameras.size(); ++c) {
+    if (c != 1) CHECK(state.cameras[c] == CameraCorrection{});
+    CHECK(largest(all.cameras[c]) < 1e-6);
+  }
+  CHECK(with_refined_cameras(capture, state).cameras[1].time_shift == kMaxTimeShift);
+}
+
 TEST_CASE("weak evidence moves no camera") {
   const PreparedCapture capture = ring(5);
   TrainState state;
   begin_refinement(capture.cameras.size(), state);
   for (int step = 0; step < 40; ++step) {
     const float sign = step % 2 == 0 ? 1.0f : -0.9f;
-    add_camera_gradient(state, 2, {{0, 0, 0}, {0, sign, 0}, 0, 0}, 0);
-    update_cameras(capture, 1e-3f, 0.7f, state);
+    add_camera_gradient(state, 2, {{0, 0, 0}, {0, sign, 0}, 0, 0, 0}, 0);
+    update_cameras(capture, {1e-3f, 0.7f}, state);
   }
   CHECK(largest(state.cameras[2]) < 2e-3);
 }
@@ -92,14 +114,14 @@ TEST_CASE("the lens of one camera is learnt, within limits, and one that all sha
   TrainState all, one;
   begin_refinement(capture.cameras.size(), all);
   begin_refinement(capture.cameras.size(), one);
-  const math::CameraGrad bends = {{0, 0, 0}, {0, 0, 0}, 0, 1};
+  const math::CameraGrad bends = {{0, 0, 0}, {0, 0, 0}, 0, 1, 0};
   for (int step = 0; step < 1000; ++step) {
     for (std::size_t c = 0; c < capture.cameras.size(); ++c) {
       add_camera_gradient(all, c, bends, 1);
       add_camera_gradient(one, c, c == 1 ? bends : math::CameraGrad{}, c == 1 ? 1.0f : 0.0f);
     }
-    update_cameras(capture, 3e-3f, 0.5f, all);
-    update_cameras(capture, 3e-3f, 0.5f, one);
+    update_cameras(capture, {3e-3f, 0.5f}, all);
+    update_cameras(capture, {3e-3f, 0.5f}, one);
   }
   for (const CameraCorrection& camera : all.cameras) CHECK(largest(camera) < 1e-5);
   CHECK(lens_of(one.cameras[1]).distortion == -kMaxDistortion);
@@ -172,9 +194,9 @@ TEST_CASE("the limits of the lens hold after a shared lens is undone") {
   for (int step = 0; step < 60; ++step) {
     for (std::size_t c = 0; c < capture.cameras.size(); ++c) {
       const float sign = c < 2 ? -1.0f : 1.0f;
-      add_camera_gradient(state, c, {{0, 0, 0}, {0, 0, 0}, 0, sign}, sign);
+      add_camera_gradient(state, c, {{0, 0, 0}, {0, 0, 0}, 0, sign, 0}, sign);
     }
-    update_cameras(capture, 0.1f, 0, state);
+    update_cameras(capture, {0.1f, 0}, state);
   }
   for (const CameraCorrection& camera : state.cameras) {
     CHECK(std::abs(camera[kDistortion]) <= kMaxDistortion);

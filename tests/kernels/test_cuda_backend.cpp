@@ -27,7 +27,7 @@ std::vector<float> flatten(const std::vector<ColourMap>& maps) {
 
 std::vector<float> values_of(const math::CameraGrad& camera) {
   const math::Vec3 r = camera.rotation, t = camera.translation;
-  return {r.x, r.y, r.z, t.x, t.y, t.z, camera.log_focal, camera.distortion};
+  return {r.x, r.y, r.z, t.x, t.y, t.z, camera.log_focal, camera.distortion, camera.time};
 }
 
 }  // namespace

@@ -230,7 +230,7 @@ encoder::Camera camera_of(const math::PinholeCamera& pinhole) {
 
 }  // namespace
 
-TEST_CASE("the gradient of the camera matches finite differences") {
+TEST_CASE("the gradients of the camera and of the time of its view match finite differences") {
   for (unsigned seed : {1u, 2u, 3u}) {
     CameraProblem p{make_problem(seed), {}, {}};
     p.camera = camera_of(p.problem.camera);
@@ -247,6 +247,7 @@ TEST_CASE("the gradient of the camera matches finite differences") {
                    scratch, splats);
     project_backward(problem.model.set, problem.t, problem.camera, problem.settings, problem.frame,
                      splats, g);
+    testing::check_gradient(p.problem, "time", {&p.problem.t, 1}, {&g.camera.time, 1}, 0.01f, 5e-3);
     const math::Vec3 r = g.camera.rotation, t = g.camera.translation;
     const float gradient[] = {r.x, r.y, r.z, t.x, t.y, t.z, g.camera.log_focal};
     const std::span<float> correction(p.correction);

@@ -169,6 +169,14 @@ void undo_common_motion(const PreparedCapture& capture, const std::vector<Camera
     remove_motion(capture, cameras[c], common, corrections[c]);
 }
 
+// If all images were later by the same time, the scene would only begin earlier.
+void undo_common_time_shift(std::vector<CameraCorrection>& corrections) {
+  std::vector<double> shifts;
+  for (const CameraCorrection& correction : corrections) shifts.push_back(correction[kTimeShift]);
+  const auto common = static_cast<float>(median_value(std::move(shifts)));
+  for (CameraCorrection& correction : corrections) correction[kTimeShift] -= common;
+}
+
 // Returns the root mean square distance in pixels between the projections by two cameras of points
 // around the centre of the scene.
 double displacement(const PreparedCapture& capture, const Camera& before, const Camera& after) {
@@ -220,6 +228,7 @@ Camera corrected(const Camera& camera, const CameraCorrection& correction) {
   const double zoom = std::exp(double{correction[kLogFocal]});
   out.fx *= zoom;
   out.fy *= zoom;
+  out.time_shift = double{correction[kTimeShift]};
   return out;
 }
 
@@ -248,13 +257,14 @@ void add_camera_gradient(TrainState& state, std::size_t camera, const math::Came
                          float vignetting) {
   const math::Vec3 r = gradient.rotation, t = gradient.translation;
   const CameraCorrection view = {
-      r.x, r.y, r.z, t.x, t.y, t.z, gradient.log_focal, gradient.distortion, vignetting};
+      r.x,        r.y,          r.z, t.x, t.y, t.z, gradient.log_focal, gradient.distortion,
+      vignetting, gradient.time};
   CameraCorrection& sum = state.camera_sums[camera];
   for (std::size_t k = 0; k < view.size(); ++k) sum[k] += view[k];
   ++state.camera_views[camera];
 }
 
-void update_cameras(const PreparedCapture& capture, float rate, float pull, TrainState& state) {
+void update_cameras(const PreparedCapture& capture, const CameraRates& rates, TrainState& state) {
   const std::vector<Camera> cameras = capture.training_cameras();
   for (std::size_t c = 0; c < cameras.size(); ++c) {
     CameraCorrection gradient = std::exchange(state.camera_sums[c], CameraCorrection{});
@@ -263,21 +273,28 @@ void update_cameras(const PreparedCapture& capture, float rate, float pull, Trai
     for (float& g : gradient) g /= static_cast<float>(views);
     CameraCorrection& camera = state.cameras[c];
     const AdamCorrection bias(++state.camera_updates[c], kBetas);
-    const auto step = [&](std::size_t at, std::size_t count, double by) {
+    const auto step = [&](std::size_t at, std::size_t count, double by, double pull) {
       adam_step(&camera[at], &state.cameras_first[c][at], &state.cameras_second[c][at],
                 &gradient[at], count, static_cast<float>(by), bias, kBetas);
       shorten(&camera[at], count, by * pull);
     };
-    step(kTurn, 3, rate);
-    step(kShift, 3, rate * scene_distance(capture, cameras[c]));
-    step(kLogFocal, 1, rate);
-    step(kDistortion, 1, kDistortionRate * rate);
-    step(kVignetting, 1, kVignettingRate * rate);
+    const double rate = rates.geometry, pull = rates.pull;
+    if (rate > 0) {
+      step(kTurn, 3, rate, pull);
+      step(kShift, 3, rate * scene_distance(capture, cameras[c]), pull);
+      step(kLogFocal, 1, rate, pull);
+      step(kDistortion, 1, kDistortionRate * rate, pull);
+      step(kVignetting, 1, kVignettingRate * rate, pull);
+    }
+    // Without a pull: a rig without synchronisation has no times to keep.
+    if (rates.time > 0) step(kTimeShift, 1, rates.time, 0);
   }
-  undo_common_motion(capture, cameras, state.cameras);
+  if (rates.geometry > 0) undo_common_motion(capture, cameras, state.cameras);
+  undo_common_time_shift(state.cameras);
   for (CameraCorrection& camera : state.cameras) {
     limit(camera[kDistortion], kMaxDistortion);
     limit(camera[kVignetting], kMaxVignetting);
+    limit(camera[kTimeShift], kMaxTimeShift);
   }
 }
 
@@ -300,6 +317,8 @@ std::vector<RefinedCamera> refined_cameras(const PreparedCapture& capture,
     out.distortion = state.cameras[index][kDistortion];
     out.corner_pixels = corner_displacement(out.camera, out.distortion);
     out.corner_brightness = 1 + double{state.cameras[index][kVignetting]};
+    out.time_shift = out.camera.time_shift;
+    out.time_offset = out.camera.time_offset + capture.time_base.seconds(out.time_shift);
   }
   return refined;
 }

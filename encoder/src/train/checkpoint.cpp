@@ -17,7 +17,7 @@ namespace stgs::encoder {
 namespace {
 
 // The last byte is the layout version; the others never change.
-constexpr char kMagic[8] = {'S', 'T', 'G', 'S', 'C', 'K', 'P', '6'};
+constexpr char kMagic[8] = {'S', 'T', 'G', 'S', 'C', 'K', 'P', '7'};
 constexpr std::size_t kLayout = sizeof(kMagic) - 1;
 
 class Writer {
@@ -203,7 +203,8 @@ bool are_usable(const TrainState& state) {
                      [](const CameraCorrection& c) {
                        return std::abs(c[kLogFocal]) <= kMaxLogFocal &&
                               std::abs(c[kDistortion]) <= kMaxDistortion &&
-                              std::abs(c[kVignetting]) <= kMaxVignetting;
+                              std::abs(c[kVignetting]) <= kMaxVignetting &&
+                              std::abs(c[kTimeShift]) <= kMaxTimeShift;
                      }) &&
          within(state.cameras_first, -most, most) && within(state.cameras_second, 0, most) &&
          within(state.camera_sums, -most, most) &&

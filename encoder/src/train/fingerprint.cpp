@@ -48,6 +48,7 @@ Fingerprint fingerprint_of(const HyperParameters& parameters, const TrainSetting
   out.emplace_back("method", settings.method);
   out.emplace_back("ablate", settings.ablate.empty() ? "nothing" : settings.ablate);
   out.emplace_back("refine_cameras", settings.refine_cameras ? "yes" : "no");
+  out.emplace_back("refine_timing", settings.refine_timing ? "yes" : "no");
   out.emplace_back("foreground", settings.foreground ? "yes" : "no");
   out.emplace_back("max_seconds", fmt::format("{}", settings.max_seconds));
   out.emplace_back("target_kbps", fmt::format("{}", settings.target_kbps));
@@ -59,6 +60,8 @@ Fingerprint fingerprint_of(const HyperParameters& parameters, const TrainSetting
 Fingerprint fingerprint_of(const PreparedCapture& capture) {
   Fingerprint out = {{"frames", fmt::format("{}", capture.frames)},
                      {"first_frame", fmt::format("{}", capture.first_frame)},
+                     {"time_base", fmt::format("{}/{}", capture.time_base.numerator,
+                                               capture.time_base.denominator)},
                      {"layout", capture.source},
                      {"near_plane", fmt::format("{}", capture.near_plane)},
                      {"extent", fmt::format("{}", capture.extent)},
@@ -69,6 +72,7 @@ Fingerprint fingerprint_of(const PreparedCapture& capture) {
     std::vector<double> numbers = {camera.fx, camera.fy, camera.cx, camera.cy};
     numbers.insert(numbers.end(), camera.rotation, camera.rotation + 9);
     numbers.insert(numbers.end(), camera.translation, camera.translation + 3);
+    numbers.insert(numbers.end(), {camera.time_offset, camera.fps});
     const XXH64_hash_t hash = XXH3_64bits(numbers.data(), numbers.size() * sizeof(double));
     // With its number, which indexes the state.
     out.emplace_back("camera " + camera.name,

@@ -69,10 +69,12 @@ struct HyperParameterTable {
         visit, camera_pull, kMin, kMax,
         "Refined cameras: length by which each step shortens a correction, over the rate; from 1 "
         "on, none is made");
+    STGS_VISIT(visit, lr_timing, kMin, kMax,
+               "Refined timing: learning rate of time offsets at the start", "frames");
     STGS_VISIT(
         visit, batch_rate, kMin, kMax,
-        "A step over R views multiplies all rates except lr_colour and lr_camera by R to this "
-        "power");
+        "A step over R views multiplies all rates except lr_colour, lr_camera and lr_timing by R "
+        "to this power");
     STGS_VISIT(visit, batch_memory, kMin, kMax,
                "A step over R views raises Adam's decay factors to R to this power");
     STGS_VISIT(visit, sh_degree, 0, 3, "SH degree");

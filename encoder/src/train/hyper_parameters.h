@@ -52,8 +52,9 @@ struct HyperParameters {
   // Refinement of the cameras.
   double lr_camera = 3e-3;
   double camera_pull = 0.7;
-  // A step over R views, one per process, multiplies all rates except lr_colour and lr_camera by
-  // R^batch_rate and raises Adam's decay factors to the power R^batch_memory.
+  double lr_timing = 0.1;
+  // A step over R views, one per process, multiplies all rates except lr_colour, lr_camera and
+  // lr_timing by R^batch_rate and raises Adam's decay factors to the power R^batch_memory.
   double batch_rate = 0.5;
   double batch_memory = 1;
 

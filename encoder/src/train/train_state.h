@@ -50,10 +50,12 @@ inline constexpr ColourMap kIdentityColour = {1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0
 
 // Correction of a training camera (camera_refinement.h): c' = exp([turn]) c + shift for points c in
 // camera space, turn in radians and shift in scene units, then the logarithm of the focal factor,
-// and the lens (math/lens.h).
-using CameraCorrection = std::array<float, 9>;
-inline constexpr std::size_t kTurn = 0, kShift = 3, kLogFocal = 6, kDistortion = 7, kVignetting = 8;
+// the lens (math/lens.h), and by how many frames its images are taken later than stated.
+using CameraCorrection = std::array<float, 10>;
+inline constexpr std::size_t kTurn = 0, kShift = 3, kLogFocal = 6, kDistortion = 7, kVignetting = 8,
+                             kTimeShift = 9;
 inline constexpr float kMaxDistortion = 0.3f, kMaxVignetting = 0.6f;  // absolute values
+inline constexpr float kMaxTimeShift = 1.0f;                          // absolute value, frames
 
 // The updates of a fixed primitive: it is rendered, but steps and densification leave it as it is.
 inline constexpr std::uint32_t kFixed = 0xFFFFFFFF;

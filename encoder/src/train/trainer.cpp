@@ -194,7 +194,7 @@ std::vector<BatchView> Trainer::batch_views() {
   for (int r = 0; r < ranks_.size(); ++r) {
     const auto [camera, frame, level] = view_at(state_.iteration, r);
     const math::PinholeCamera pinhole = images_.pinhole(camera, level, capture_.near_plane);
-    views.push_back({math::camera_centre(pinhole), static_cast<float>(frame), camera});
+    views.push_back({math::camera_centre(pinhole), ticks_of(camera, frame), camera});
   }
   return views;
 }
@@ -207,7 +207,7 @@ Result<StepInput> Trainer::step_input() {
   const auto [camera, frame, level] = view_at(state_.iteration, ranks_.rank());
   StepInput input;
   input.camera = images_.pinhole(camera, level, capture_.near_plane);
-  input.ticks = static_cast<float>(frame);
+  input.ticks = ticks_of(camera, frame);
   STGS_ASSIGN(input.ground_truth, images_.next([this](std::uint64_t k) {
     return view_at(state_.iteration + k * static_cast<std::uint64_t>(ranks_.size()), ranks_.rank());
   }));
@@ -256,10 +256,10 @@ Status Trainer::read_steps() {
     if (output.camera) {
       const math::Vec3 r = output.camera->rotation, t = output.camera->translation;
       if (!std::isfinite(r.x + r.y + r.z + t.x + t.y + t.z + output.camera->log_focal +
-                         output.camera->distortion + output.vignetting)) {
+                         output.camera->distortion + output.vignetting + output.camera->time)) {
         return runtime_error(
             "training diverged at iteration {}: the gradient of a camera is not "
-            "finite; train without --refine-cameras",
+            "finite; train without --refine-cameras and --refine-timing",
             steps_read_);
       }
       const std::size_t camera = images_.view(order_.at(steps_read_ - 1)).camera;

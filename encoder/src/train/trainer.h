@@ -70,6 +70,10 @@ class Trainer {
   // Returns the view of a rank in the step that begins at an iteration.
   TrainingView view_at(std::uint64_t iteration, int rank);
   std::vector<BatchView> batch_views();
+  // Returns the time of a view of a training camera, with the camera's refined offset.
+  float ticks_of(std::size_t camera, int frame) const {
+    return static_cast<float>(capture_.time_of(images_.cameras()[camera], frame));
+  }
   // Returns whether the last step, one iteration per rank, reached or passed a multiple of n > 0.
   bool passed(std::uint64_t n) const {
     return state_.iteration / n != (state_.iteration - ranks_.size()) / n;
@@ -109,6 +113,8 @@ class Trainer {
   // Logs how far the cameras are from their calibration, with a warning for each that is wrong.
   void report_cameras() const;
   void warn_of_lens(const RefinedCamera& refined) const;
+  void warn_of_pose(const RefinedCamera& refined) const;
+  void warn_of_time(const RefinedCamera& refined) const;
   // Renders with the cameras of the state from now on.
   void use_cameras();
   // Dilated splats are never thin on screen, so their scales need no limit.

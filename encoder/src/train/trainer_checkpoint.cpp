@@ -10,7 +10,8 @@ Status Trainer::resume() {
   STGS_ASSIGN(Checkpoint checkpoint, read_checkpoint(settings_.resume));
   STGS_TRY(check_same_run(settings_.resume, checkpoint.fingerprint, fingerprint()));
   STGS_TRY(check_state(settings_.resume, checkpoint.state, capture_, growth_.sh_degree,
-                       !ablation_.representation, settings_.refine_cameras));
+                       !ablation_.representation,
+                       settings_.refine_cameras || settings_.refine_timing));
   const std::string before = value_of(checkpoint.fingerprint, kBackendEntry);
   if (before != backend_->name()) {
     log_(1,

@@ -60,6 +60,8 @@ struct TrainSettings {
   // Refine poses, focal lengths, distortion and vignetting of the training cameras together with
   // the scene.
   bool refine_cameras = false;
+  // Refine the time offsets of the training cameras together with the scene.
+  bool refine_timing = false;
   // Train only the content inside the masks of the capture, with its alpha, on a black background.
   bool foreground = false;
   // Not owned; null: this process trains alone. Otherwise all ranks train with the same settings,
@@ -110,7 +112,7 @@ struct FrameStatistics {
   double wait_seconds = 0;
 };
 
-// A training camera as refined, and how far it is from the calibration.
+// A training camera as refined, and how far it is from the calibration and from its stated times.
 struct RefinedCamera {
   Camera camera;
   double degrees = 0;  // angle between the orientations
@@ -121,6 +123,8 @@ struct RefinedCamera {
   double distortion = 0;         // -0.3 to 0.3
   double corner_pixels = 0;      // displacement by that in the corners of an image around its axis
   double corner_brightness = 1;  // there over that in the centre, by vignetting; 0.4 to 1.6
+  double time_shift = 0;   // frames of the capture by which its images are taken later; -1 to 1
+  double time_offset = 0;  // with that, seconds
 };
 
 struct TrainReport {

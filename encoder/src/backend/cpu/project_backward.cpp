@@ -50,6 +50,7 @@ void add_camera(const CameraGrad& by, CameraGrad& sum) {
   sum.translation = vec3_add(sum.translation, by.translation);
   sum.log_focal += by.log_focal;
   sum.distortion += by.distortion;
+  sum.time += by.time;
 }
 
 // `camera`: the sum of the gradients of the camera; not used without out.with_camera.
@@ -81,11 +82,6 @@ void splat_backward(const Gaussians4D& set, const View& view, const Splat& splat
                          position.z - view.centre.z};
   const Vec3 by_colour = colour_backward(&set.sh[i * view.stride], view, from_camera, splat.colour,
                                          grad.colour, &out.sh[s * 3 * view.coefficients]);
-  if (out.with_camera) {
-    add_camera(project_gaussian_camera_grad(view.camera, position, covariance, splat.conic,
-                                            by_shape, by_projection, by_colour),
-               camera);
-  }
   const MotionGrad by_motion = position_at_grad(u, dt, vec3_add(by_projection.position, by_colour));
   const VisibilityGrad by_visibility = visibility_grad(dt, sigma, radius, by_log_opacity / visible);
 
@@ -103,6 +99,11 @@ void splat_backward(const Gaussians4D& set, const View& view, const Splat& splat
   out.time[s] = -(by_motion.dt + by_visibility.dt);
   out.sigma[s] = by_visibility.sigma;
   out.radius[s] = by_visibility.radius;
+  if (!out.with_camera) return;
+  CameraGrad by_camera = project_gaussian_camera_grad(
+      view.camera, position, covariance, splat.conic, by_shape, by_projection, by_colour);
+  by_camera.time = -out.time[s];  // l and the position depend on the difference of the times
+  add_camera(by_camera, camera);
 }
 
 }  // namespace

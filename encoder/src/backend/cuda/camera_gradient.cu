@@ -23,12 +23,18 @@ __device__ CameraGrad camera_gradient_of(const Primitives& p, std::uint32_t i, c
                                       view.coefficients, vec3_scale(from_camera, inverse_length),
                                       inverse_length, unclamped(splat, grad.colour));
   const Sym3 covariance = covariance_of(pose.rotation, pose.scale);
-  const SplatShapeGrad by_shape = shape_gradient(
-      view, grad, opacity, opacity_of(own.logit) * visibility(pose.dt, own.sigma, own.radius));
+  const float visible = visibility(pose.dt, own.sigma, own.radius);
+  const SplatShapeGrad by_shape =
+      shape_gradient(view, grad, opacity, opacity_of(own.logit) * visible);
   const ProjectionGrad by_projection =
       project_gaussian_grad(view.camera, pose.position, covariance, conic, by_shape);
-  return project_gaussian_camera_grad(view.camera, pose.position, covariance, conic, by_shape,
-                                      by_projection, by_colour);
+  CameraGrad out = project_gaussian_camera_grad(view.camera, pose.position, covariance, conic,
+                                                by_shape, by_projection, by_colour);
+  const Vec3 by_position = vec3_add(by_projection.position, by_colour);
+  const float by_visibility = grad.opacity * opacity / visible;
+  out.time = position_at_grad(own.u, pose.dt, by_position).dt +
+             visibility_grad(pose.dt, own.sigma, own.radius, by_visibility).dt;
+  return out;
 }
 
 __global__ void __launch_bounds__(kUpdateBlock)
@@ -41,7 +47,7 @@ __global__ void __launch_bounds__(kUpdateBlock)
   if (own) grad = camera_gradient_of(p, i, view, load_splat(w.splats, i), sums);
   const float values[kCameraValues] = {grad.rotation.x,    grad.rotation.y,    grad.rotation.z,
                                        grad.translation.x, grad.translation.y, grad.translation.z,
-                                       grad.log_focal,     grad.distortion};
+                                       grad.log_focal,     grad.distortion,    grad.time};
   for (int k = 0; k < kCameraValues; ++k) {
     const float sum = block_sum<kUpdateBlock>(values[k]);
     if (threadIdx.x == 0) w.camera_sums[kCameraValues * (1 + blockIdx.x) + k] = sum;

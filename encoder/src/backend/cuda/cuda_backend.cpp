@@ -35,7 +35,7 @@ StepOutput output_of(const StepRecord& record, bool with_camera) {
   output.perceptual = record.perceptual;
   output.visible = record.visible;
   const float* c = record.camera;
-  if (with_camera) output.camera = {{c[0], c[1], c[2]}, {c[3], c[4], c[5]}, c[6], c[7]};
+  if (with_camera) output.camera = {{c[0], c[1], c[2]}, {c[3], c[4], c[5]}, c[6], c[7], c[8]};
   output.vignetting = record.vignetting;
   return output;
 }

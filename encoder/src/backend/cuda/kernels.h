@@ -29,7 +29,7 @@ inline constexpr int kLossSums = 13;      // per block: L1, then the 12 gradient
 inline constexpr int kPlaneSums = 4;      // floats per splat and tile: the gradient of its plane
 inline constexpr int kUpdateBlock = 128;  // primitives per block of the update
 inline constexpr int kLensBlocks = 64;    // of the sum of the vignetting's gradient
-inline constexpr int kCameraValues = 8;   // of a camera's gradient (math/camera_grad.h), in order
+inline constexpr int kCameraValues = 9;   // of a camera's gradient (math/camera_grad.h), in order
 // Fixed-point value of a squared weight of 1. The sum over all pixels and views holds 2^34 of them.
 inline constexpr double kImportanceOne = 1 << 30;
 inline constexpr std::uint32_t kInvisible = 0xFFFFFFFFu;  // depth key of invisible primitives
