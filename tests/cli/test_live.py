@@ -206,6 +206,9 @@ class Live(CliTest):
         self.fails(USAGE, "set --fps", "live", "slow.json", "-o", "a.stgs")
         self.write("broken.json", "{")
         self.fails(INVALID, "broken.json", "live", "broken.json", "-o", "a.stgs")
+        shutil.copytree(harness.sample(), self.path("late"))
+        self.write("late/timing.json", '{"cam00": {"time_offset": 0.01}}')
+        self.fails(USAGE, "late: has timing.json", "live", "late", "-o", "a.stgs")
         # Pipes without writers wait; Ctrl-C ends them.
         for name in self.names:
             os.mkfifo(self.path(f"{name}.pipe"))

@@ -98,6 +98,10 @@ class Refinement(CliTest):
         self.assertTrue(all(c["pixels"] > 0.02 for c in cameras), cameras)
         self.assertTrue(any(c["distortion"] != 0 and c["corner_brightness"] != 1
                             for c in cameras), cameras)
+        cameras = self.json_of("train", folder, "-o", "d.stgs", "--iterations", "100",
+                               "--refine-timing")["cameras"]
+        self.assertTrue(all(c["pixels"] == 0 for c in cameras), cameras)
+        self.assertTrue(any(c["time_shift"] != 0 for c in cameras), cameras)
         result = self.succeeds("evaluate", "c.stgs", "--against", folder, "--cameras", "train")
         self.assertNotIn(b"start camera", result.stderr)
         self.fails(USAGE, "lr_camera=1e-3 has no effect without --refine-cameras", "train",

@@ -227,19 +227,32 @@ class Render final : public Command {
     return view;
   }
 
+  // Returns the time to render at: next to ground truth, that at which the camera took it.
+  Result<double> seconds_of(const encoder::Camera& camera, const RenderTime& time) const {
+    if (!o_.side_by_side) return time.seconds;
+    const double index = std::round(time.ticks);
+    if (std::abs(index - time.ticks) > kFrameTolerance || index >= capture_.frames) {
+      return usage_error("--side-by-side needs the time of a frame; {} has none at {} s",
+                         o_.cameras, time.seconds);
+    }
+    const double ticks = capture_.time_of(camera, static_cast<int>(index));
+    return time_base().seconds(std::clamp(ticks, 0.0, static_cast<double>(info_.frames)));
+  }
+
   Status render(SceneRenderer& renderer, const encoder::Camera& camera, const RenderTime& time,
                 const stgs_view& base, ImageSink& sink, Totals& totals) {
     const stgs_view view = view_of(camera, base);
+    STGS_ASSIGN(const double seconds, seconds_of(camera, time));
     encoder::Image8 image;
     FloatFrame frame;
     const double begin = now_seconds();
     if (sink.wants_8bit()) {
-      Result<encoder::Image8> rendered = renderer.render_8bit(*file_, time.seconds, view);
-      STGS_TRY(with_render_time(rendered.status(), shown_file(), time.seconds));
+      Result<encoder::Image8> rendered = renderer.render_8bit(*file_, seconds, view);
+      STGS_TRY(with_render_time(rendered.status(), shown_file(), seconds));
       image = std::move(rendered).value();
     } else {
-      Result<FloatFrame> rendered = renderer.render_float(*file_, time.seconds, view);
-      STGS_TRY(with_render_time(rendered.status(), shown_file(), time.seconds));
+      Result<FloatFrame> rendered = renderer.render_float(*file_, seconds, view);
+      STGS_TRY(with_render_time(rendered.status(), shown_file(), seconds));
       frame = std::move(rendered).value();
     }
     totals.render += now_seconds() - begin;
@@ -254,13 +267,7 @@ class Render final : public Command {
                          static_cast<int>(std::lround(time.ticks))};
     if (!sink.wants_8bit()) return sink.add(name, frame);
     if (o_.side_by_side) {
-      const double index = std::round(time.ticks);
-      if (std::abs(index - time.ticks) > kFrameTolerance || index >= capture_.frames) {
-        return usage_error("--side-by-side needs the time of a frame; {} has none at {} s",
-                           o_.cameras, time.seconds);
-      }
-      STGS_ASSIGN(const encoder::Image8 ground_truth,
-                  load_ground_truth(camera.name, static_cast<int>(index)));
+      STGS_ASSIGN(const encoder::Image8 ground_truth, load_ground_truth(camera.name, name.frame));
       STGS_ASSIGN(image, side_by_side(image, ground_truth,
                                       fmt::format("{}: camera '{}'", o_.cameras, camera.name),
                                       image_memory(*file_)));

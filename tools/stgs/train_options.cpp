@@ -69,6 +69,10 @@ void TrainOptions::declare(Arguments& app, bool with_packing) {
          "Refine poses, focal lengths, distortion and vignetting of the training cameras with the "
          "scene; --format json lists them")
       ->group(group);
+  app.add_flag("--refine-timing", settings_.refine_timing,
+               "Refine the time offsets of the training cameras, of a rig without synchronisation, "
+               "with the scene; --format json lists them")
+      ->group(group);
   app.add_flag("--foreground", settings_.foreground,
                "Train only the content inside the masks of the capture, with its alpha")
       ->group(group);
@@ -187,6 +191,8 @@ Json to_json(const std::vector<encoder::RefinedCamera>& cameras) {
     camera["distortion"] = refined.distortion;
     camera["corner_pixels"] = refined.corner_pixels;
     camera["corner_brightness"] = refined.corner_brightness;
+    camera["time_shift"] = refined.time_shift;
+    camera["time_offset"] = refined.time_offset;
     json.push_back(std::move(camera));
   }
   return json;

@@ -84,9 +84,9 @@ Rows refined(const encoder::TrainReport& report) {
         camera.camera.name,
         fmt::format("{:.2f} pixels: {:.2f} degrees, {:.2f} % of the distance, {:.2f} "
                     "% of the focal length; {:.2f} pixels of distortion and {:.0f} % of the "
-                    "brightness in the corners",
+                    "brightness in the corners; {:.3f} frames later",
                     camera.pixels, camera.degrees, 100 * camera.shift, 100 * (camera.zoom - 1),
-                    camera.corner_pixels, 100 * camera.corner_brightness));
+                    camera.corner_pixels, 100 * camera.corner_brightness, camera.time_shift));
   }
   return rows;
 }

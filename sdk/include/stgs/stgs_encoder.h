@@ -232,7 +232,10 @@ typedef struct stgs_train_settings {
                            * than 10 % darker or brighter than most; default 0 */
   int32_t foreground;     /* 1: trains only the content inside the masks of the capture, with its
                            * alpha; default 0 */
-  int32_t reserved;       /* 0 */
+  int32_t refine_timing;  /* 1: refines the time offsets of the training cameras (at least two) with
+                           * the scene, by at most one frame, and logs a warning for each whose
+                           * images are taken more than 0.25 frames earlier or later than stated;
+                           * default 0 */
 } stgs_train_settings;
 
 /* Fills settings with the defaults. `struct_size` is sizeof(*settings). */

@@ -29,6 +29,7 @@ Outcome check(const stgs_train_settings& s) {
   STGS_SDK_TRY(check_frames(s.first_frame, s.end_frame));
   STGS_SDK_TRY(check_flag("allow_outside", s.allow_outside));
   STGS_SDK_TRY(check_flag("refine_cameras", s.refine_cameras));
+  STGS_SDK_TRY(check_flag("refine_timing", s.refine_timing));
   STGS_SDK_TRY(check_flag("foreground", s.foreground));
   return check_overrides(s.parameters, s.parameter_count);
 }
@@ -45,6 +46,7 @@ encoder::TrainSettings training_of(const stgs_train_settings& s) {
   settings.frame_memory = s.frame_memory;
   settings.perceptual_weights = text_of(s.perceptual_weights);
   settings.refine_cameras = s.refine_cameras != 0;
+  settings.refine_timing = s.refine_timing != 0;
   settings.foreground = s.foreground != 0;
   settings.overrides = overrides_of(s.parameters, s.parameter_count);
   return settings;
