@@ -88,6 +88,9 @@ TEST_CASE("the frames of unsynchronised cameras can be selected from those that 
   CHECK(fails_with(plan_status(folder.path, settings), {"frames 3:12", "2:11 in common"}));
   write_text(folder / "timing.json", R"({"cam01": {"time_offset": 20}, "cam02": {"fps": 15}})");
   CHECK(fails_with(plan_status(folder.path), {"'cam01' begins at frame 600", "timing.json"}));
+  // Each image would be copied to many frames.
+  write_text(folder / "timing.json", R"({"cam02": {"fps": 2}})");
+  CHECK(fails_with(plan_status(folder.path), {"'cam02' has 2 fps", "tenth of the 30 fps"}));
   // Without the file they must be synchronised.
   fs::remove(folder / "timing.json");
   CHECK(fails_with(plan_status(folder.path), {"15.000 fps", "timing.json"}));

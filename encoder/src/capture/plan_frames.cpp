@@ -18,6 +18,7 @@ namespace {
 // Depth needs a second view.
 constexpr std::size_t kMinTrainingCameras = 2;
 constexpr int kMaxSourceFrames = 1'000'000'000;  // beyond the last frame of every camera
+constexpr double kMinRateShare = 0.1;            // of a camera's own rate in that of the capture
 
 Result<std::vector<FrameInfo>> probe_all(const SourceCapture& source) {
   const std::size_t count = source.cameras.size();
@@ -117,6 +118,12 @@ Result<FrameSpan> choose_common(const SourceCapture& source, const std::vector<F
         "with --frames",
         source.folder, chosen.begin, chosen.end, common.begin, common.end);
   }
+  if (chosen.size() > kCaptureLimits.frames) {
+    return invalid_file(
+        "{}: the cameras have frames {}:{} in common (expected at most {}); select "
+        "some with --frames",
+        source.folder, common.begin, common.end, kCaptureLimits.frames);
+  }
   log(2, fmt::format("{}: the cameras have frames {}:{} in common", source.folder, common.begin,
                      common.end));
   return chosen;
@@ -180,6 +187,13 @@ Status choose_rate(const SourceCapture& source, const std::vector<FrameInfo>& in
   if (!(fps >= kMinFps && fps <= kMaxFps)) {
     return invalid_file("{}: invalid frame rate {} fps (expected {} to {})", source.folder, fps,
                         kMinFps, kMaxFps);
+  }
+  for (const SourceCamera& camera : source.cameras) {
+    if (camera.fps == 0 || camera.fps >= kMinRateShare * fps) continue;
+    return invalid_file(
+        "{}/{}: camera '{}' has {} fps, less than a tenth of the {} fps of the "
+        "capture; lower that with --fps, or leave the camera out",
+        source.folder, kTimingFile, camera.name, camera.fps, fps);
   }
   capture.time_base = frame_time_of(fps);
   return {};
