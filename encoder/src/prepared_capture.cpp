@@ -129,12 +129,14 @@ std::vector<Camera> PreparedCapture::training_cameras() const {
 }
 
 std::int64_t PreparedCapture::own_frame(const Camera& camera, int frame) const {
-  constexpr double kTie = 1e-6;  // of two images that are equally near, the later one
+  constexpr double kTie = 1e-6;   // of two images that are equally near, the later one
+  constexpr double kMost = 1e15;  // that a hostile capture.json cannot exceed
   const std::int64_t number = std::int64_t{first_frame} + frame;
   if (camera.time_offset == 0 && camera.fps == 0) return number;
   const double seconds = time_base.seconds(static_cast<double>(number)) - camera.time_offset;
   const double fps = camera.fps > 0 ? camera.fps : 1 / time_base.seconds(1);
-  return static_cast<std::int64_t>(std::floor(seconds * fps + 0.5 + kTie));
+  const double own = std::floor(seconds * fps + 0.5 + kTie);
+  return static_cast<std::int64_t>(std::clamp(own, -kMost, kMost));
 }
 
 double PreparedCapture::time_of(const Camera& camera, int frame) const {

@@ -80,6 +80,12 @@ TEST_CASE("a frame of a camera is its image nearest in time, with the time of th
   camera.fps = 60;
   CHECK(capture.own_frame(camera, 4) == 17);  // at 0.2833 s, not 16 at 0.2667 s
   CHECK(capture.time_of(camera, 4) == Approx(17 * 50.0 / 60 - 10));
+
+  capture.time_base = {0xffffffff, 1};
+  capture.first_frame = 1'000'000'000;
+  camera.fps = 1e5;
+  CHECK(capture.own_frame(camera, 0) == std::int64_t{1'000'000'000'000'000});
+  CHECK(std::isfinite(capture.time_of(camera, 0)));
 }
 
 TEST_CASE("refinement finds the times of unsynchronised cameras and regains what they cost") {
