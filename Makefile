@@ -3,12 +3,12 @@
 #   make           builds the program with its page for browsers, build/release/bin/stgs
 #   make web       builds the player for browsers, build/release/web/stgs
 #   make demo      builds the program and encodes, checks and renders the sample capture
-#   make check     builds everything and runs the tests (25 minutes on two cores)
+#   make check     builds everything and runs the tests (half an hour on two cores)
 #   make check-all the same, then the slow tests: sanitizers, builds without the encoder, Debian 13
 # Everything else is plain CMake (README.md, CMakePresets.json).
 JOBS ?= $(shell nproc)
-# Many tests wait for a clock, a child or a server: one job more than cores.
-CTEST = STGS_VALIDATED=1 ctest --output-on-failure --no-tests=error -j $$(($(JOBS) + 1))
+# Many tests wait for a clock, a child or a server: two jobs more than cores.
+CTEST = STGS_VALIDATED=1 ctest --output-on-failure --no-tests=error -j $$(($(JOBS) + 2))
 
 .PHONY: program web demo check check-all check-slow setup clean
 

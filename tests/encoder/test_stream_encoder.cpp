@@ -131,7 +131,7 @@ TEST_CASE("later windows leave the stored primitives as they are, to the bit") {
   auto read = PersistentSet::read(path);
   INFO(read.status().message());
   REQUIRE(read.ok());
-  REQUIRE(train(*second, settings, nullptr, nullptr, nullptr, &*read).ok());
+  REQUIRE(train(*second, settings, nullptr, nullptr, nullptr, {&*read, nullptr}).ok());
   const TrainState& after = *read->state();
   REQUIRE(after.size() >= before.count_fixed());
   for (std::size_t i = 0; i < before.count_fixed(); ++i) CHECK(after.is_fixed(i));
@@ -142,7 +142,7 @@ TEST_CASE("later windows leave the stored primitives as they are, to the bit") {
     CHECK(std::equal(x.begin(), x.begin() + static_cast<std::ptrdiff_t>(n), y.begin()));
   }
   settings.overrides.emplace_back("sh_degree", "2");
-  CHECK(train(*second, settings, nullptr, nullptr, nullptr, &*read).status().code() ==
+  CHECK(train(*second, settings, nullptr, nullptr, nullptr, {&*read, nullptr}).status().code() ==
         StatusCode::kInvalidFile);
 }
 

@@ -20,7 +20,9 @@ class Prepare final : public Command {
             "  stgs prepare capture/ -o prepared/\n"
             "  stgs prepare capture/ -o prepared/ --frames 0:60 --scale 0.5 --test-cameras cam00"};
   }
-  Shared shared() const override { return encoder_shared("Backend of stereo and of dynamic points"); }
+  Shared shared() const override {
+    return encoder_shared("Backend of stereo and of dynamic points");
+  }
   void declare(Arguments& app) override {
     app.add_option("CAPTURE", capture_, "Folder of videos or images")->required();
     app.add_option("-o,--output", output_, "Output folder")->required();

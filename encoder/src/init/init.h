@@ -26,10 +26,10 @@ struct InitSettings {
   // A known mistake in the calibration is a warning instead of an error, and points come from all
   // cameras.
   bool trust_calibration = false;
-  bool separate_motion = true;  // false: one static point cloud from the first frame
-  int max_dynamic_points = 0;   // per frame; 0: derived from the image size
-  int max_static_points = 0;    // 0: derived from the image size
-  std::uint64_t seed = 1;       // equal seeds give equal bytes with one backend
+  bool separate_motion = true;   // false: one static point cloud from the first frame
+  int max_dynamic_points = 0;    // per frame; 0: derived from the image size
+  int max_static_points = 0;     // 0: derived from the image size
+  std::uint64_t seed = 1;        // equal seeds give equal bytes with one backend
   std::string backend = "auto";  // of stereo and of dynamic points: auto, cpu or cuda
   // Of a live capture, because its windows share it; null: dynamic points on the CPU.
   std::shared_ptr<geometry::HullSweeper> sweeper;
