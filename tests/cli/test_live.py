@@ -2,7 +2,6 @@
 """`stgs live`: a rig whose frames arrive as videos, growing folders, pipes and network streams."""
 import json
 import os
-import resource
 import shutil
 import signal
 import socket
@@ -81,21 +80,6 @@ class Live(CliTest):
         self.assertEqual(windows[0]["frames"], 8)
         self.assertEqual(sorted(os.listdir(self.work)),
                          sorted(["log.jsonl", "out.stgs", "rig.json", *(f"{name}.mp4" for name in self.names)]))
-        self.check_full_disk(windows[0]["bytes"] + windows[1]["bytes"] // 2)
-
-    def check_full_disk(self, limit):
-        """Repeats a recording with files of at most `limit` bytes, more than its first window has."""
-        def limit_files():
-            signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # writing fails instead
-            resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-
-        result = subprocess.run([harness.STGS, "live", "rig.json", "-o", "full.stgs", *quick()], cwd=self.work,
-                                preexec_fn=limit_files, capture_output=True, text=True, timeout=120)
-        self.assertEqual(result.returncode, IO, result.stderr)
-        self.assertIn("contain static content only", result.stderr)
-        self.json_of("finalize", "full.stgs", "-o", "saved.stgs")
-        self.json_of("validate", "saved.stgs")
-        self.assertEqual(self.json_of("info", "saved.stgs")["frames"], 8)
 
     def test_folders_grow_and_a_camera_stalls(self):
         images = {}
@@ -108,7 +92,10 @@ class Live(CliTest):
         self.rig([f"growing/{name}" for name in self.names])
         args = [harness.STGS, "live", "rig.json", "-o", "out.stgs", "--format", "json", *quick()]
         with subprocess.Popen(args, cwd=self.work, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-            self.assertIn(b"Ctrl-C ends the recording", process.stderr.readline())
+            self.addCleanup(process.kill)
+            lines = iter(process.stderr.readline, b"")  # others state that there is no GPU
+            while b"Ctrl-C ends the recording" not in next(lines):
+                pass
             time.sleep(0.5)  # images that exist at the start are left out
             begin = time.monotonic()
             for frame in range(FRAMES):

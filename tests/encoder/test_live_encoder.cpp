@@ -2,6 +2,9 @@
 // Frames that are pushed while they are filmed become a file that grows.
 #include "stgs/encoder/live_encoder.h"
 
+#include <sys/resource.h>
+
+#include <csignal>
 #include <filesystem>
 #include <fstream>
 #include <thread>
@@ -102,6 +105,26 @@ struct Run {
   }
 };
 
+// Limits the size of files of this process, bytes, until it is destroyed.
+class FileSizeLimit {
+ public:
+  explicit FileSizeLimit(std::uintmax_t bytes) {
+    handler_ = std::signal(SIGXFSZ, SIG_IGN);
+    getrlimit(RLIMIT_FSIZE, &before_);
+    rlimit limit = before_;
+    limit.rlim_cur = static_cast<rlim_t>(bytes);
+    setrlimit(RLIMIT_FSIZE, &limit);
+  }
+  ~FileSizeLimit() {
+    setrlimit(RLIMIT_FSIZE, &before_);
+    std::signal(SIGXFSZ, handler_);
+  }
+
+ private:
+  rlimit before_{};
+  void (*handler_)(int) = nullptr;
+};
+
 }  // namespace
 
 TEST_CASE("frames that are pushed become a file, which can be read while it grows") {
@@ -178,6 +201,36 @@ TEST_CASE("a window without points or frames shows static content, and the next 
   CHECK(report.missing == 4);
   REQUIRE(run.windows.size() == 3);
   CHECK_FALSE(run.windows[1].written);
+  const auto scene = read_scene(run.output);
+  REQUIRE(scene.ok());
+  CHECK(scene->metadata.frames == kFrames);
+}
+
+TEST_CASE("a full disk costs the frames that cannot be written, and encoding continues") {
+  Run run;
+  const auto live = run.open();
+  const std::size_t cameras = run.preparer.cameras().size();
+  const auto push_window = [&](int index) {
+    for (int f = 8 * index; f < 8 * index + 8; ++f)
+      for (std::size_t c = 0; c < cameras; ++c) run.push(*live, c, f);
+    while (live->report().windows <= index && !live->ended())
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  };
+  push_window(0);
+  {
+    // Writing beyond the limit fails instead of raising the signal.
+    const FileSizeLimit full(std::filesystem::file_size(run.output) + 500);
+    push_window(1);
+  }
+  push_window(2);
+  const Status finished = live->finish(run.output);
+  INFO(finished.message());
+  REQUIRE(finished.ok());
+  REQUIRE(run.windows.size() >= 3);
+  CHECK(run.windows[0].written);
+  CHECK_FALSE(run.windows[1].written);
+  CHECK(run.windows[2].written);
+  CHECK(live->report().lost_frames == run.windows[1].frames);
   const auto scene = read_scene(run.output);
   REQUIRE(scene.ok());
   CHECK(scene->metadata.frames == kFrames);
