@@ -175,7 +175,14 @@ void encode(const std::string& path, double seconds) {
       film(live, camera, begin, seconds);
     }));
   }
-  for (std::future<void>& camera : filming) camera.get();
+  for (std::future<void>& camera : filming) {
+    try {
+      camera.get();
+    } catch (const stgs::Error& error) {
+      if (error.result() != STGS_ERROR_STATE) throw;
+      break;  // encoding has ended by an error, which finish() throws
+    }
+  }
   live.finish();
   const stgs_live_report report = live.report();
   std::fprintf(stderr, "%u frames, %llu images dropped, latency %.2f s (95 %% within %.2f s)\n",

@@ -84,6 +84,7 @@ struct Run {
   const std::string output = synthetic.capture.folder + "/live.stgs",
                     folder = synthetic.capture.folder + "/live";
   std::vector<LiveWindow> windows;
+  double target_kbps = 0;
 
   std::unique_ptr<LiveEncoder> open() {
     LiveSettings settings;
@@ -92,12 +93,20 @@ struct Run {
     settings.latency = 0.5;
     settings.first_seconds = 20;
     settings.start_seconds = 0.5;
+    settings.target_kbps = target_kbps;
     std::filesystem::create_directory(folder);
     auto live = LiveEncoder::open(
         preparer, folder, settings, [this](const LiveWindow& w) { windows.push_back(w); }, nullptr);
     INFO(live.status().message());
     REQUIRE(live.ok());
     return std::move(*live);
+  }
+  // Pushes the frames of a window and waits until it is encoded.
+  void film_window(LiveEncoder& live, int index) {
+    for (int f = 8 * index; f < 8 * index + 8; ++f)
+      for (std::size_t c = 0; c < preparer.cameras().size(); ++c) push(live, c, f);
+    while (live.report().windows <= index && !live.ended())
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
   }
   void push(LiveEncoder& live, std::size_t camera, int frame) {
     const Camera of = synthetic.capture.training_cameras()[camera];
@@ -209,20 +218,13 @@ TEST_CASE("a window without points or frames shows static content, and the next 
 TEST_CASE("a full disk costs the frames that cannot be written, and encoding continues") {
   Run run;
   const auto live = run.open();
-  const std::size_t cameras = run.preparer.cameras().size();
-  const auto push_window = [&](int index) {
-    for (int f = 8 * index; f < 8 * index + 8; ++f)
-      for (std::size_t c = 0; c < cameras; ++c) run.push(*live, c, f);
-    while (live->report().windows <= index && !live->ended())
-      std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  };
-  push_window(0);
+  run.film_window(*live, 0);
   {
     // Writing beyond the limit fails instead of raising the signal.
     const FileSizeLimit full(std::filesystem::file_size(run.output) + 500);
-    push_window(1);
+    run.film_window(*live, 1);
   }
-  push_window(2);
+  run.film_window(*live, 2);
   const Status finished = live->finish(run.output);
   INFO(finished.message());
   REQUIRE(finished.ok());
@@ -234,6 +236,22 @@ TEST_CASE("a full disk costs the frames that cannot be written, and encoding con
   const auto scene = read_scene(run.output);
   REQUIRE(scene.ok());
   CHECK(scene->metadata.frames == kFrames);
+}
+
+TEST_CASE("a limit of the bit rate leaves fewer primitives") {
+  std::uint64_t primitives[2];
+  for (const int limited : {0, 1}) {
+    Run run;
+    run.target_kbps = limited;  // the least
+    const auto live = run.open();
+    for (int index = 0; index < 3; ++index) run.film_window(*live, index);
+    const Status finished = live->finish(run.output);
+    INFO(finished.message());
+    REQUIRE(finished.ok());
+    REQUIRE(run.windows.size() == 3);
+    primitives[limited] = run.windows[2].primitives;
+  }
+  CHECK(primitives[1] < primitives[0] / 2);
 }
 
 TEST_CASE("a camera that delivers nothing is left out, and one alone is an error") {

@@ -177,6 +177,27 @@ TEST_CASE("without cameras that film, a live capture does not start") {
   CHECK(queue.start(1, clock.now()).empty());
 }
 
+TEST_CASE("the primitives that remain follow the limit of the bit rate") {
+  LiveController controller(30, 1.5, 900);
+  const double largest = controller.keep();
+  // 120 kB per window of 15 frames with all primitives, or 1,920 kbit/s.
+  const auto bytes = [&] { return 120e3 * controller.keep(); };
+  for (int i = 0; i < 30; ++i) CHECK(controller.wrote(15, bytes(), 4000));
+  CHECK(controller.keep() == largest);
+  for (int i = 0; i < 30; ++i) CHECK(controller.wrote(15, bytes(), 800));
+  CHECK(bytes() == Approx(50e3).epsilon(0.02));
+  // Content that takes more.
+  for (int i = 0; i < 30; ++i) CHECK(controller.wrote(15, 2 * bytes(), 800));
+  CHECK(2 * bytes() == Approx(50e3).epsilon(0.02));
+  // The limit cannot be reached; a higher one can again.
+  bool possible = true;
+  for (int i = 0; i < 30; ++i) possible = controller.wrote(15, bytes(), 100);
+  CHECK_FALSE(possible);
+  CHECK(controller.keep() > 0.05);
+  for (int i = 0; i < 30; ++i) controller.wrote(15, bytes(), 4000);
+  CHECK(controller.keep() == largest);
+}
+
 TEST_CASE("the work per window follows from its time") {
   LiveController controller(30, 1.5, 900);
   CHECK(controller.window() == 15);

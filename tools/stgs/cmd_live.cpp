@@ -114,6 +114,10 @@ class Live final : public Command {
            "of a window, at least 8 frames")
         ->check(number_between(encoder::kLiveLatency.min, encoder::kLiveLatency.max))
         ->capture_default_str();
+    app.add_option("--target-kbps", settings_.target_kbps,
+                   "Limit of the mean bit rate once static content is stored (default: no limit), "
+                   "kbit/s")
+        ->check(number_between(encoder::kLiveKbps.min, encoder::kLiveKbps.max));
     app.add_option("--duration", duration_, "End after this time (default: no limit), seconds")
         ->check(number_between(0.1, 1e7));
     app.add_option("--log", log_path_, "Write a line of JSON for each window to this file");

@@ -78,7 +78,9 @@ Status check_sequence(const Numbers& numbers, std::uint64_t first, std::uint64_t
 
 Status check_frame_numbers(const SourceCapture& source, int end, const LogSink& log) {
   constexpr std::uint64_t kUnknown = std::numeric_limits<std::uint64_t>::max();
-  const auto count = end < 0 ? std::numeric_limits<std::size_t>::max() : std::size_t(end);
+  // Stated times replace equal numbers: then each camera counts for itself.
+  const bool alone = source.has_timing;
+  const auto count = end < 0 || alone ? std::numeric_limits<std::size_t>::max() : std::size_t(end);
   std::vector<Numbers> all;
   std::uint64_t first = kUnknown, step = kUnknown;
   for (const SourceCamera& camera : source.cameras) {
@@ -97,6 +99,10 @@ Status check_frame_numbers(const SourceCapture& source, int end, const LogSink& 
   for (std::size_t i = 0; i < all.size(); ++i) {
     if (all[i].empty()) continue;
     const SourceCamera& camera = source.cameras[i];
+    if (alone) {
+      first = all[i].front();
+      step = smallest_step(all[i], kUnknown);
+    }
     STGS_TRY(check_sequence(all[i], first, step, folder_of(camera.images.front()), camera.name,
                             "image"));
   }

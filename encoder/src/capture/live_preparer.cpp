@@ -16,6 +16,7 @@
 #include "plural.h"
 #include "serial_opencv.h"
 #include "stgs/encoder/camera_json.h"
+#include "timing_file.h"
 
 namespace stgs::encoder {
 namespace {
@@ -200,6 +201,8 @@ class Rig final : public LivePreparer {
       }
       STGS_ASSIGN(const auto files, CaptureFolder::open(folder.string(), settings_.allow_outside));
       STGS_ASSIGN(source_, load_rig(files, file));
+      source_.has_timing =
+          fs::path(file).filename() == "cameras.json" && fs::exists(folder / kTimingFile);
       return {};
     } catch (const fs::filesystem_error& error) {
       return io_error("{}: {}", name_, error.code().message());

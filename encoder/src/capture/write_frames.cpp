@@ -190,7 +190,7 @@ Result<cv::Mat> read_frame(const CameraJob& job, SourceVideo& video, int frame) 
       STGS_ASSIGN(video.latest, video.reader->next(job.plan.source.width, job.plan.source.height));
       ++video.next;
     }
-    return job.camera.fps > 0 ? video.latest : std::move(video.latest);
+    return video.latest;
   } catch (const std::exception& error) {
     return runtime_error("{}: camera '{}' frame {}: {}", job.source.video, job.source.name,
                          job.number_of(frame), error.what());

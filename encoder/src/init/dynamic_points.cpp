@@ -121,8 +121,11 @@ Status DynamicFinder::sweep_references(int frame, const DynamicHull& hull, const
     for (const int j : partners_[i]) is_used[j] = true;
   }
   std::vector<SweepImage> images(small_.size());
+  std::vector<cv::Mat> masks(small_.size());
   const Status loaded = in_parallel(int(small_.size()), [&](int i) -> Status {
     if (!is_used[i] || !has_frame(capture_, *small_[i].camera, frame)) return {};
+    STGS_TRY(work.check());
+    STGS_ASSIGN(masks[i], load_mask_image(capture_, small_[i], frame));
     STGS_ASSIGN(const cv::Mat rgb, load_image(capture_, small_[i], frame));
     images[i] = make_sweep_image(small_[i], rgb);
     return {};
@@ -130,10 +133,9 @@ Status DynamicFinder::sweep_references(int frame, const DynamicHull& hull, const
   STGS_TRY(loaded);
   std::vector<HullView> wanted;
   for (const int i : references_) {
-    STGS_ASSIGN(const cv::Mat mask, load_mask_image(capture_, small_[i], frame));
     std::vector<int> partners = partners_[i];
     std::erase_if(partners, [&](int j) { return images[j].rgb.empty(); });
-    if (!mask.empty() && !images[i].rgb.empty()) wanted.push_back({i, mask, std::move(partners)});
+    if (!masks[i].empty()) wanted.push_back({i, masks[i], std::move(partners)});
   }
   std::vector<SweptView> swept;
   STGS_TRY(sweep_hull(images, wanted, hull, gpu_, work, &swept));

@@ -14,6 +14,9 @@ constexpr int kMaxBacklog = 4;     // windows that become one
 constexpr double kReserve = 0.9;   // of the time of a window
 constexpr double kCatchUp = 0.25;  // of it with a backlog
 constexpr int kMinIterations = 60;
+// Of the primitives of a window. More than the largest fraction costs bytes and time, but improves
+// the next windows, which start from them, by little.
+constexpr double kMinKeep = 0.1, kMaxKeep = 0.85;
 constexpr double kLearn = 0.3;  // weight of a new duration
 // Seconds on an NVIDIA H200 with 16 cores, 27 cameras of 640x360: of preparing a window, per frame
 // with points, of training a window, per iteration.
@@ -33,6 +36,7 @@ LiveController::LiveController(double fps, double latency, int iterations)
     : fps_(fps),
       window_(std::max(kMinWindow, static_cast<int>(std::lround(latency / kStages * fps)))),
       max_iterations_(std::max(kMinIterations, iterations)),
+      keep_(kMaxKeep),
       points_(kPrepare, kPoints),
       steps_(kTrain, kStep) {}
 
@@ -54,6 +58,15 @@ int LiveController::point_interval(int frames, int waiting) const {
 int LiveController::iterations(int frames, int waiting) const {
   const double affordable = steps_.amount(budget(frames, waiting));
   return static_cast<int>(std::clamp(affordable, double{kMinIterations}, double(max_iterations_)));
+}
+
+bool LiveController::wrote(int frames, double bytes, double kbps) {
+  const double limit = 125.0 * kbps * frames / fps_;
+  const bool is_over = bytes > limit;
+  const bool could_less = keep_ > kMinKeep;
+  // Bytes grow in proportion to the primitives. Half of the way, because windows differ.
+  keep_ = std::clamp(keep_ * std::sqrt(limit / std::max(1.0, bytes)), kMinKeep, kMaxKeep);
+  return !is_over || could_less;
 }
 
 void LiveController::prepared(int frames, int point_interval, double seconds) {

@@ -25,7 +25,8 @@ class WorkTime {
 };
 
 // A window is prepared while the one before is trained. Each of the two may take as long as the
-// window lasts, less a reserve; with a backlog, less time for more frames. Not thread-safe.
+// window lasts, less a reserve; with a backlog, less time for more frames. Not thread-safe, except
+// that keep() and wrote() may be called on another thread than the rest.
 class LiveController {
  public:
   // `latency`: target from filming a frame to writing it, seconds. `iterations`: at most.
@@ -40,6 +41,12 @@ class LiveController {
   int point_interval(int frames, int waiting) const;
   int iterations(int frames, int waiting) const;
 
+  // Returns the fraction of the primitives of a window to keep.
+  double keep() const { return keep_; }
+  // Learns the bytes of a window that was written with this fraction. `kbps`: limit of the bit
+  // rate, kbit/s. Returns false if even the smallest fraction exceeds it.
+  bool wrote(int frames, double bytes, double kbps);
+
   // Learn the durations of a window that is not the first.
   void prepared(int frames, int point_interval, double seconds);
   void trained(int iterations, double seconds);
@@ -52,6 +59,7 @@ class LiveController {
 
   double fps_;
   int window_, max_iterations_;
+  double keep_;
   WorkTime points_, steps_;  // of frames with points, and of iterations
 };
 

@@ -21,7 +21,6 @@ namespace fs = std::filesystem;
 // Static content of the first window is displayed up to here (stream_encoder.cpp).
 constexpr int kMaxFrames = 1'000'000;
 constexpr int kMaxFailures = 20;  // windows in a row that are not written, other than by the disk
-constexpr double kKeep = 0.85;    // of the primitives of a window
 constexpr double kQueueShare = 0.25;             // of the available memory
 constexpr std::size_t kMaxMilliseconds = 60000;  // the largest latency that is recorded
 
@@ -45,10 +44,6 @@ LiveEncoder::LiveEncoder(LivePreparer& preparer, std::string folder, LiveSetting
       log_(log ? std::move(log) : [](int, const std::string&) {}),
       latencies_(kMaxMilliseconds + 1, 0) {}
 
-double LiveEncoder::now() const {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - begun_).count();
-}
-
 Result<std::unique_ptr<LiveEncoder>> LiveEncoder::open(LivePreparer& preparer,
                                                        const std::string& folder,
                                                        const LiveSettings& settings,
@@ -70,10 +65,18 @@ Result<std::unique_ptr<LiveEncoder>> LiveEncoder::open(LivePreparer& preparer,
   stream.resumable = false;
   stream.carries_moving = true;
   stream.train.held_out_evaluations = 0;
-  live->keeps_chosen_ =
-      choice.parameters.compact_share == 0 ||
-      std::any_of(stream.train.overrides.begin(), stream.train.overrides.end(),
-                  [](const auto& entry) { return entry.first == "compact_keep"; });
+  const auto is_set = [&](const char* name) {
+    return std::any_of(stream.train.overrides.begin(), stream.train.overrides.end(),
+                       [name](const auto& entry) { return entry.first == name; });
+  };
+  const bool compacts = choice.parameters.compact_share > 0;
+  live->keeps_chosen_ = !compacts || is_set("compact_keep");
+  // Each round takes as long as a hundred steps.
+  if (compacts && !is_set("compact_rounds"))
+    stream.train.overrides.emplace_back("compact_rounds", "2");
+  if (live->keeps_chosen_ && settings.target_kbps > 0) {
+    return usage_error("--target-kbps does not allow to set compact_keep or compact_share");
+  }
   STGS_ASSIGN(live->encoder_, StreamEncoder::open(folder, stream));
   live->preparing_ = std::thread([encoder = live.get()] { encoder->prepare_windows(); });
   live->training_ = std::thread([encoder = live.get()] { encoder->train_windows(); });
@@ -281,7 +284,8 @@ Status LiveEncoder::write(Prepared& prepared) {
   const int waiting = queue_->ready(now());
   WindowWork work;
   // Before static content is stored, removing primitives would remove it, too.
-  if (!keeps_chosen_) work.keep = encoder_->persistent() == 0 ? 1.0 : kKeep;
+  const bool removes = !keeps_chosen_ && encoder_->persistent() > 0;
+  if (!keeps_chosen_) work.keep = removes ? controller_->keep() : 1.0;
   if (is_first) {
     work.max_seconds = settings_.first_seconds;
   } else {
@@ -306,6 +310,7 @@ Status LiveEncoder::write(Prepared& prepared) {
   for (const double arrived : prepared.arrived)
     if (arrived > 0) window.latency = std::max(window.latency, end - arrived);
   window.waiting = queue_->ready(end);
+  if (removes && settings_.target_kbps > 0) follow_rate(window);
   const std::lock_guard lock(mutex_);
   if (is_first)
     controller_->first_trained(window.iterations, window.step_seconds);
@@ -317,6 +322,15 @@ Status LiveEncoder::write(Prepared& prepared) {
     ++latencies_[static_cast<std::size_t>(milliseconds)];
   }
   return {};
+}
+
+void LiveEncoder::follow_rate(const LiveWindow& window) {
+  const auto bytes = static_cast<double>(window.bytes);
+  if (controller_->wrote(window.frames, bytes, settings_.target_kbps) || is_over_rate_) return;
+  is_over_rate_ = true;
+  log_(1, fmt::format("the bit rate exceeds the limit of {:g} kbit/s with a tenth of the "
+                      "primitives; use fewer primitives (--max-primitives) or a longer --latency",
+                      settings_.target_kbps));
 }
 
 Status LiveEncoder::recover() {

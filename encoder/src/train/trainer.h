@@ -26,7 +26,7 @@ namespace stgs::encoder {
 class Trainer {
  public:
   // Loads the state and the images, and reserves the backend's memory.
-  // `persistent`: not null for a window of a longer capture; not owned.
+  // `window`: what it points to must outlive the trainer. Takes the backend away, also on failure.
   static Result<std::unique_ptr<Trainer>> create(const PreparedCapture& capture,
                                                  const TrainSettings& settings,
                                                  const WindowState& window,
@@ -175,6 +175,7 @@ class Trainer {
   TrainingImages images_;
   TrainState state_;
   std::shared_ptr<TrainBackend> backend_;
+  bool is_backend_used_ = false;  // by the previous window
   // Of a live window, by its latest pruning, which rounding uses again; empty: none.
   std::vector<float> pruned_importance_;
   StepOutput last_;  // of the latest step read

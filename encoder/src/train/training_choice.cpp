@@ -225,6 +225,7 @@ std::uint64_t settings_id_of(const TrainSettings& settings, const TrainingChoice
   entries.emplace_back("method", settings.method);
   entries.emplace_back("ablate", fmt::format("{}", fmt::join(choice.ablation.names(), ",")));
   entries.emplace_back("refine_cameras", settings.refine_cameras ? "yes" : "no");
+  entries.emplace_back("refine_timing", settings.refine_timing ? "yes" : "no");
   entries.emplace_back("foreground", settings.foreground ? "yes" : "no");
   entries.emplace_back("max_seconds", fmt::format("{}", settings.max_seconds));
   entries.emplace_back("target_kbps", fmt::format("{}", settings.target_kbps));

@@ -178,6 +178,15 @@ class Live {
   /// Cancels the session. May be called on any thread.
   void cancel() { stgs_live_cancel(get()); }
 
+  /// Takes the session of another object.
+  Live(Live&&) = default;
+  /// Takes the session of another object. Destroys the one before.
+  Live& operator=(Live&& other) noexcept {
+    live_ = std::move(other.live_);  // first: it ends the session, which calls the window
+    window_ = std::move(other.window_);
+    return *this;
+  }
+
   /// Returns the C object, which this object owns.
   stgs_live* get() const { return live_.get(); }
 

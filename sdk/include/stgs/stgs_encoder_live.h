@@ -16,8 +16,8 @@
  *
  * Threads: each camera may have its own thread, which pushes its images and ends it. Any thread may
  * call stgs_live_error, stgs_live_get_report and stgs_live_cancel. One thread at a time may make
- * the other calls. Images can be pushed once stgs_live_start has returned; stgs_live_finish may run
- * while other threads still push. */
+ * the other calls. Once stgs_live_start has returned, images can be pushed and reports read;
+ * stgs_live_finish may run while other threads still push. */
 #ifndef STGS_STGS_ENCODER_LIVE_H
 #define STGS_STGS_ENCODER_LIVE_H
 
@@ -118,6 +118,9 @@ typedef struct stgs_live_settings {
                                      * from the preset */
   uint64_t seed;                    /* of random choices; default 1. Recordings still differ: the
                                      * work depends on the speed of the machine */
+  double target_kbps;               /* limit of the mean bit rate once static content is stored,
+                                     * kbit/s, 1 to 10^9; 0 (default): no limit. A tenth of the
+                                     * primitives of a window remains in any case */
   uint64_t queue_bytes;             /* for images that wait; 0 (default): a quarter of the available
                                      * memory. At most 20 seconds of frames wait */
   const stgs_parameter* parameters; /* overrides of hyperparameters */
@@ -174,7 +177,7 @@ enum {
 typedef int32_t stgs_memory;
 enum {
   STGS_MEMORY_HOST = 0, /* of the host */
-  STGS_MEMORY_CUDA = 1  /* of the CUDA device that is current on the calling thread */
+  STGS_MEMORY_CUDA = 1  /* of a CUDA device */
 };
 
 struct CUstream_st; /* cudaStream_t and CUstream are pointers to it */
@@ -199,14 +202,15 @@ STGS_API stgs_result stgs_live_image_defaults(stgs_live_image* image, size_t str
  *
  * The time is that of a clock that all cameras share, from any origin. It is rounded to whole
  * frames: images of one frame need times within half a frame of each other. A camera may leave out
- * frames. Images that are late, repeated or far ahead in time, and those for which there is no
- * memory, are dropped without an error and counted in stgs_live_report.
+ * frames. Images that are late, repeated or far ahead in time, and those that find the queue full,
+ * are dropped without an error and counted in stgs_live_report.
  *
  * Undistorts and copies the image on the calling thread, and never waits for encoding. The image is
  * not needed after the call. STGS_ERROR_ARGUMENT: an unknown camera, an invalid image, or a time
  * that is not finite. STGS_ERROR_STATE: the session has not started or is finished, or encoding has
  * ended; stgs_live_finish returns the reason. STGS_ERROR_NOT_BUILT: the build lacks CUDA;
- * STGS_ERROR_UNSUPPORTED: no CUDA device is available. */
+ * STGS_ERROR_UNSUPPORTED: no CUDA device is available. STGS_ERROR_OUT_OF_MEMORY: the call may be
+ * repeated. */
 STGS_API stgs_result stgs_live_push(stgs_live* live, const char* camera, double seconds,
                                     const stgs_live_image* image);
 
@@ -257,9 +261,10 @@ STGS_API stgs_result stgs_live_get_report(stgs_live* live, stgs_live_report* rep
  */
 STGS_API stgs_result stgs_live_finish(stgs_live* live, const char* output);
 
-/* Cancels the session permanently: a running stgs_live_finish ends soon, and it and all later calls
- * other than stgs_live_get_report fail with STGS_ERROR_CANCELLED. The recording stays as after
- * stgs_live_destroy.
+/* Cancels the session permanently: a stgs_live_finish that waits for encoding ends soon, and it and
+ * all later calls other than stgs_live_get_report fail with STGS_ERROR_CANCELLED. Writing `output`
+ * is not cancelled. Encoding stops with stgs_live_finish or stgs_live_destroy; the recording stays
+ * as after the latter.
  *
  * May be called on any thread and from signal handlers until stgs_live_destroy. NULL: does
  * nothing. */

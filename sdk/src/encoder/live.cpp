@@ -35,6 +35,7 @@ class LiveSession {
   Outcome end_camera(const char* camera);
   stgs_live_report report() const { return to_c(encoder_->report(), encoder_->ended()); }
   bool is_finished() const { return finished_; }
+  void stop() { encoder_->stop(); }
   // An empty output: the recording alone.
   Outcome finish(const std::string& output, const std::atomic<bool>& cancelled);
 
@@ -231,6 +232,7 @@ stgs_result stgs_live_start(stgs_live* live, const char* recording,
     stgs_live_settings known = default_live_settings();
     STGS_SDK_TRY(copy_in(settings, known, "settings"));
     STGS_SDK_TRY(check(known));
+    const stgs::encoder::KeptDevice kept;
     return LiveSession::start(recording, known, live->session);
   });
 }
@@ -267,6 +269,7 @@ stgs_result stgs_live_get_report(stgs_live* live, stgs_live_report* report) {
 stgs_result stgs_live_finish(stgs_live* live, const char* output) {
   using namespace stgs::sdk;
   return guarded(live, [&]() -> Outcome {
+    if (live->cancelled && live->session != nullptr) live->session->stop();
     STGS_SDK_TRY(live->check_running());
     return live->session->finish(text_of(output), live->cancelled);
   });

@@ -190,6 +190,7 @@ encoder::LiveSettings live_encoding_of(const stgs_live_settings& s, const std::s
   settings.stream.title = text_of(s.title);
   settings.stream.recording = recording;
   settings.latency = s.latency;
+  settings.target_kbps = s.target_kbps;
   settings.start_seconds = s.start_seconds;
   settings.queue_bytes = s.queue_bytes;
   return settings;

@@ -19,9 +19,21 @@ struct DeviceRows {
   CUstream_st* stream = nullptr;        // in whose order the image is complete; null: the default
 };
 
-// Copies an image to `out`, row by row without gaps, and waits for the copy. The device of the
-// memory must be current. kUsage for memory of the host or of another device; kUnsupported without
-// a device; kNotBuilt in a build without CUDA. Thread-safe.
+// The CUDA device that is current on this thread when it is made is current again when it is
+// destroyed. Does nothing in a build without CUDA.
+class KeptDevice {
+ public:
+  KeptDevice();
+  ~KeptDevice();
+  KeptDevice(const KeptDevice&) = delete;
+  KeptDevice& operator=(const KeptDevice&) = delete;
+
+ private:
+  int device_ = -1;  // none
+};
+
+// Copies an image to `out`, row by row without gaps, and waits for the copy. kUsage for memory of
+// the host; kUnsupported without a device; kNotBuilt in a build without CUDA. Thread-safe.
 Status copy_from_device(const DeviceRows& image, std::uint8_t* out);
 
 }  // namespace stgs::encoder

@@ -33,7 +33,10 @@ struct LiveSettings {
   // `recording` is required; identity is ignored. A window has at most the iterations of `train`,
   // whose limits of size and rate must be 0.
   StreamSettings stream;
-  double latency = 1.5;      // target from filming a frame to its fragment, seconds
+  double latency = 1.5;  // target from filming a frame to its fragment, seconds
+  // Limit of the mean bit rate once static content is stored, kbit/s; 0: none. A tenth of the
+  // primitives of a window remains in any case.
+  double target_kbps = 0;
   double first_seconds = 3;  // of training for the first window, whose static content stays
   // Wait for all cameras after the first image; then it starts with those that deliver.
   double start_seconds = 10;
@@ -41,6 +44,9 @@ struct LiveSettings {
   TaskRunner* tasks = nullptr;    // of both threads, outlives the encoder; null: the default pool
 };
 
+inline constexpr Parameter kLiveKbps = {
+    "target_kbps", 1,         1e9, "Limit of the mean bit rate once static content is stored",
+    "kbit/s",      "no limit"};
 inline constexpr Parameter kLiveLatency = {"latency", 0.1, 60,
                                            "Target from filming a frame to writing it", "seconds"};
 
@@ -117,7 +123,9 @@ class LiveEncoder {
 
   LiveEncoder(LivePreparer& preparer, std::string folder, LiveSettings settings,
               LiveWindowSink windows, LogSink log);
-  double now() const;
+  double now() const {
+    return std::chrono::duration<double>(std::chrono::steady_clock::now() - begun_).count();
+  }
   void prepare_windows();
   Status prepare_all();
   Result<bool> prepare_next(int index);
@@ -130,6 +138,8 @@ class LiveEncoder {
   // Reopens the recording after lost windows, and covers their time with static content.
   Status recover();
   void count(const Prepared& prepared);
+  // Learns the bytes of a window that was written. On the training thread.
+  void follow_rate(const LiveWindow& window);
   void fail(const Status& status);
 
   LivePreparer& preparer_;
@@ -146,6 +156,7 @@ class LiveEncoder {
   int lost_ = 0;                          // frames that the file does not cover yet
   bool has_first_ = false;                // the first window is written
   bool keeps_chosen_ = false;             // the settings state how many primitives remain
+  bool is_over_rate_ = false;             // it was logged
   int failures_ = 0;                      // windows in a row that were not written
   std::uint64_t overflow_ = 0;            // that was logged
 

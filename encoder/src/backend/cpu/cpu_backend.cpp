@@ -38,6 +38,8 @@ class CpuBackend final : public TrainBackend {
   }
   Status check_perceptual() const override { return {}; }
   Status reserve(const TrainPlan& plan) override {
+    state_ = nullptr;
+    outputs_.clear();
     perceptual_ = plan.perceptual ? std::make_unique<PerceptualLoss>(plan.perceptual) : nullptr;
     return {};
   }

@@ -6,12 +6,8 @@
 namespace stgs::encoder {
 namespace {
 
-Status check_memory(const void* data) {
-  int current = 0;
-  if (const cudaError_t error = cudaGetDevice(&current); error != cudaSuccess) {
-    (void)cudaGetLastError();
-    return unsupported("no usable NVIDIA GPU: {}", cudaGetErrorString(error));
-  }
+// Returns the device of the memory.
+Result<int> device_of(const void* data) {
   cudaPointerAttributes memory{};
   if (const cudaError_t error = cudaPointerGetAttributes(&memory, data); error != cudaSuccess) {
     (void)cudaGetLastError();
@@ -19,17 +15,25 @@ Status check_memory(const void* data) {
   }
   if (memory.type != cudaMemoryTypeDevice && memory.type != cudaMemoryTypeManaged)
     return usage_error("the memory is not that of a CUDA device");
-  if (memory.device != current) {
-    return usage_error("the memory belongs to CUDA device {}, but device {} is current",
-                       memory.device, current);
-  }
-  return {};
+  return memory.device;
 }
 
 }  // namespace
 
+KeptDevice::KeptDevice() {
+  if (cudaGetDevice(&device_) == cudaSuccess) return;
+  (void)cudaGetLastError();
+  device_ = -1;
+}
+
+KeptDevice::~KeptDevice() {
+  if (device_ >= 0) cudaSetDevice(device_);
+}
+
 Status copy_from_device(const DeviceRows& image, std::uint8_t* out) {
-  STGS_TRY(check_memory(image.data));
+  const KeptDevice kept;
+  STGS_ASSIGN(const int device, device_of(image.data));
+  STGS_TRY(cuda::cuda_status(cudaSetDevice(device), "choosing the GPU of an image"));
   STGS_TRY(cuda::cuda_status(
       cudaMemcpy2DAsync(out, image.row_bytes, image.data, image.stride, image.row_bytes, image.rows,
                         cudaMemcpyDeviceToHost, image.stream),

@@ -86,6 +86,12 @@ class Uploaded {
   std::size_t used_ = 0;
 };
 
+// Waits also after an error or an exception, because copies read the memory of the caller.
+struct WaitAtEnd {
+  const cuda::Stream& stream;
+  ~WaitAtEnd() { (void)stream.wait(); }
+};
+
 // The memory and the stream of one frame.
 class Lane {
  public:
@@ -93,9 +99,8 @@ class Lane {
     // The device is a setting of the thread.
     STGS_TRY(cuda_status(cudaSetDevice(kGpu), "choosing the GPU"));
     STGS_TRY(stream_.create());
-    const Status status = run_all(sweep);
-    const Status waited = stream_.wait();  // copies read the memory of the caller
-    return status.ok() ? waited : status;
+    const WaitAtEnd wait{stream_};
+    return run_all(sweep);
   }
 
  private:
@@ -321,6 +326,7 @@ class Lane {
 
 class CudaHullSweeper final : public geometry::HullSweeper {
  public:
+  CudaHullSweeper() { free_.reserve(kMaxLanes); }
   Status run(HullSweep& sweep) override {
     const std::shared_ptr<Lane> lane(take().release(), [this](Lane* used) { give_back(used); });
     const Status status = lane->run(sweep);
@@ -333,8 +339,9 @@ class CudaHullSweeper final : public geometry::HullSweeper {
     std::unique_lock lock(mutex_);
     returned_.wait(lock, [this] { return !free_.empty() || lanes_ < kMaxLanes; });
     if (free_.empty()) {
+      auto lane = std::make_unique<Lane>();
       ++lanes_;
-      return std::make_unique<Lane>();
+      return lane;
     }
     std::unique_ptr<Lane> lane = std::move(free_.back());
     free_.pop_back();
