@@ -196,6 +196,10 @@ class Live(CliTest):
         shutil.copytree(harness.sample(), self.path("late"))
         self.write("late/timing.json", '{"cam00": {"time_offset": 0.01}}')
         self.fails(USAGE, "late: has timing.json", "live", "late", "-o", "a.stgs")
+        os.makedirs(self.path("timed"))
+        self.write("timed/timing.json", "{}")
+        shutil.copy(self.path(rig), self.path("timed", "cameras.json"))
+        self.fails(USAGE, "timed: has timing.json", "live", "timed", "-o", "a.stgs")
         # Pipes without writers wait; Ctrl-C ends them.
         for name in self.names:
             os.mkfifo(self.path(f"{name}.pipe"))

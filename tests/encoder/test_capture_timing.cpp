@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Captures whose cameras are not synchronised and state their times in timing.json.
+#include <map>
+
 #include "capture_fixture.h"
+#include "src/capture/frame_numbers.h"
 
 using namespace stgs;
 using namespace stgs::encoder;
@@ -94,6 +97,23 @@ TEST_CASE("the frames of unsynchronised cameras can be selected from those that 
   // Without the file they must be synchronised.
   fs::remove(folder / "timing.json");
   CHECK(fails_with(plan_status(folder.path), {"15.000 fps", "timing.json"}));
+}
+
+TEST_CASE("cameras that state their times number their images for themselves") {
+  SourceCapture source;
+  for (const auto& [name, images] : std::map<std::string, std::vector<std::string>>{
+           {"cam00", {"cam00/000100.png", "cam00/000101.png"}},
+           {"cam01", {"cam01/000037.png", "cam01/000039.png", "cam01/000041.png"}}}) {
+    source.cameras.emplace_back();
+    source.cameras.back().name = name;
+    source.cameras.back().numbered = true;
+    source.cameras.back().images = images;
+  }
+  CHECK(fails_with(check_frame_numbers(source, -1, kNoLog), {"identically for all cameras"}));
+  source.has_timing = true;
+  CHECK(check_frame_numbers(source, -1, kNoLog).ok());
+  source.cameras[1].images[2] = "cam01/000043.png";
+  CHECK(fails_with(check_frame_numbers(source, -1, kNoLog), {"cam01", "41"}));
 }
 
 TEST_CASE("errors of timing.json name the camera and the key") {
