@@ -91,6 +91,18 @@ void check_output_struct(const char* name, Use&& use) {
   }
 }
 
+// Returns the defaults of a struct, after checking the function that fills them.
+template <typename Settings>
+Settings defaults_of(stgs_result (*defaults)(Settings*, std::size_t)) {
+  check_output_struct<Settings>("defaults", [&](Settings* out) {
+    const std::size_t size = out->struct_size;
+    return defaults(out, size);
+  });
+  Settings settings;
+  REQUIRE(defaults(&settings, sizeof settings) == STGS_OK);
+  return settings;
+}
+
 // Returns the names of the structs in a header that begin with struct_size.
 inline std::set<std::string> sized_structs(const std::string& header) {
   std::ifstream file(header);

@@ -9,17 +9,6 @@ namespace {
 
 constexpr double kNan = NAN;
 
-template <typename Settings>
-Settings defaults_of(stgs_result (*defaults)(Settings*, std::size_t)) {
-  check_output_struct<Settings>("defaults", [&](Settings* out) {
-    const std::size_t size = out->struct_size;
-    return defaults(out, size);
-  });
-  Settings settings;
-  REQUIRE(defaults(&settings, sizeof settings) == STGS_OK);
-  return settings;
-}
-
 // Starts a session that must fail, and returns its message.
 std::string rejection_of(const FilmedCapture& filmed, const stgs_live_settings& settings,
                          stgs_result expected = STGS_ERROR_ARGUMENT) {

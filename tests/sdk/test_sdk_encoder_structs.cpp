@@ -30,17 +30,6 @@ stgs_result ok_if(stgs_result result, stgs_result expected) {
   return result == expected ? STGS_OK : result;
 }
 
-template <typename Settings>
-Settings defaults_of(stgs_result (*defaults)(Settings*, std::size_t)) {
-  check_output_struct<Settings>("defaults", [&](Settings* out) {
-    const std::size_t size = out->struct_size;
-    return defaults(out, size);
-  });
-  Settings settings;
-  REQUIRE(defaults(&settings, sizeof settings) == STGS_OK);
-  return settings;
-}
-
 }  // namespace
 
 TEST_CASE("the encoder accepts structs of older and newer headers", "[sdk]") {
