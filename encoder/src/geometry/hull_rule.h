@@ -12,12 +12,13 @@
 
 namespace stgs::encoder::geometry {
 
-// The number of views, of those that see a point, that may see it outside of the mask.
+// Returns how many of the views that see a point may see it outside of the mask.
 STGS_FN int misses_allowed(int views) {
   return views / 8 + (views >= 5 ? 1 : 0);
 }
 
-// Whether a point is in the hull that so many views see inside and outside of the mask, of `views`.
+// Returns whether a point is in the hull. `inside`, `outside`: the numbers of views that see it
+// inside and outside of their masks; `views`: of all views.
 STGS_FN bool is_in_hull(int inside, int outside, int views) {
   const int needed = views < 3 ? 2 : 3;
   return inside >= needed && outside <= misses_allowed(inside + outside);

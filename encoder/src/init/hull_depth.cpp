@@ -38,7 +38,7 @@ std::vector<cv::Rect> mask_boxes(const cv::Mat& mask) {
   return boxes;
 }
 
-bool has_depth(const HullView& wanted) {
+bool can_be_swept(const HullView& wanted) {
   return !wanted.partners.empty() && cv::countNonZero(wanted.mask) >= kMinMaskPixels;
 }
 
@@ -59,7 +59,7 @@ SweptView sweep_view(const std::vector<SweepImage>& images, const HullView& want
                      const DynamicHull& hull) {
   SweptView out;
   out.mask = wanted.mask;
-  if (!has_depth(wanted)) return out;
+  if (!can_be_swept(wanted)) return out;
   const SweepImage& reference = images[wanted.view];
   std::vector<const SweepImage*> others;
   others.reserve(wanted.partners.size());
@@ -100,7 +100,8 @@ geometry::HullCamera hull_camera(const View& view) {
           {t[0], t[1], t[2]}};
 }
 
-// Returns the problem of the views that have depth, which it points into `out`.
+// Returns the sweeps of the views that can be swept, and lists these. Results go to the maps of
+// `out`.
 geometry::HullSweep hull_sweep(const std::vector<SweepImage>& images,
                                const std::vector<HullView>& wanted, const DynamicHull& hull,
                                std::vector<SweptView>* out, std::vector<std::size_t>* chosen) {
@@ -115,7 +116,7 @@ geometry::HullSweep hull_sweep(const std::vector<SweepImage>& images,
   for (std::size_t k = 0; k < wanted.size(); ++k) {
     SweptView& swept = (*out)[k];
     swept.mask = wanted[k].mask;
-    if (!has_depth(wanted[k])) continue;
+    if (!can_be_swept(wanted[k])) continue;
     swept.map = blank_map(swept.mask.size());
     geometry::HullReference reference;
     reference.image = wanted[k].view;

@@ -31,8 +31,8 @@ namespace {
 
 using namespace init;
 
-// Longer side of the images in the check of the calibration and in motion detection, pixels. Sweeps
-// of dynamic content have 240 (dynamic_points.h), so a live capture needs no more than 320.
+// Longer side of the images in the check of the calibration and in motion detection, pixels. Plane
+// sweeps of dynamic content use images of 240 pixels (dynamic_points.h), so 320 suffice when live.
 constexpr int kMaxSide = 640, kLiveMaxSide = 320;
 constexpr std::size_t kMinAgreeing = 3;  // with fewer views there is no stereo
 

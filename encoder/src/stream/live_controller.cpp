@@ -14,8 +14,8 @@ constexpr int kMaxBacklog = 4;     // windows that become one
 constexpr double kReserve = 0.9;   // of the time of a window
 constexpr double kCatchUp = 0.25;  // of it with a backlog
 constexpr int kMinIterations = 60;
-// Of the primitives of a window. More than the largest fraction costs bytes and time, but improves
-// the next windows, which start from them, by little.
+// Fractions of the primitives of a window. A larger one than kMaxKeep costs bytes and time for
+// little quality.
 constexpr double kMinKeep = 0.1, kMaxKeep = 0.85;
 constexpr double kLearn = 0.3;  // weight of a new duration
 // Seconds on an NVIDIA H200 with 16 cores, 27 cameras of 640x360: of preparing a window, per frame
@@ -63,10 +63,11 @@ int LiveController::iterations(int frames, int waiting) const {
 bool LiveController::wrote(int frames, double bytes, double kbps) {
   const double limit = 125.0 * kbps * frames / fps_;
   const bool is_over = bytes > limit;
-  const bool could_less = keep_ > kMinKeep;
-  // Bytes grow in proportion to the primitives. Half of the way, because windows differ.
+  const bool can_reduce = keep_ > kMinKeep;
+  // Bytes are proportional to the primitives. The square root damps the response, because windows
+  // differ.
   keep_ = std::clamp(keep_ * std::sqrt(limit / std::max(1.0, bytes)), kMinKeep, kMaxKeep);
-  return !is_over || could_less;
+  return !is_over || can_reduce;
 }
 
 void LiveController::prepared(int frames, int point_interval, double seconds) {

@@ -75,7 +75,7 @@ Result<std::unique_ptr<LiveEncoder>> LiveEncoder::open(LivePreparer& preparer,
   if (compacts && !is_set("compact_rounds"))
     stream.train.overrides.emplace_back("compact_rounds", "2");
   if (live->keeps_chosen_ && settings.target_kbps > 0) {
-    return usage_error("--target-kbps does not allow to set compact_keep or compact_share");
+    return usage_error("--target-kbps excludes compact_keep and compact_share; remove one of them");
   }
   STGS_ASSIGN(live->encoder_, StreamEncoder::open(folder, stream));
   live->preparing_ = std::thread([encoder = live.get()] { encoder->prepare_windows(); });

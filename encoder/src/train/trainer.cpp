@@ -60,7 +60,7 @@ Result<std::unique_ptr<Trainer>> Trainer::create(const PreparedCapture& capture,
   trainer->ablation_ = choice.ablation;
   trainer->growth_ = growth_parameters(choice.parameters, settings, capture);
   if (window.backend != nullptr) trainer->backend_ = std::exchange(*window.backend, nullptr);
-  trainer->is_backend_used_ = trainer->backend_ != nullptr;
+  trainer->is_backend_reused_ = trainer->backend_ != nullptr;
   if (!trainer->backend_) {
     STGS_ASSIGN(trainer->backend_, make_backend(settings.backend, log, settings.ranks));
   }
@@ -131,7 +131,7 @@ Status Trainer::prepare_backend() {
   TrainPlan plan = train_plan({growth_, ablation_}, perceptual_, capture_.cameras);
   plan.primitives += state_.count_fixed();
   const Status reserved = backend_->reserve(plan);
-  if (reserved.ok() || !is_backend_used_) return reserved;
+  if (reserved.ok() || !is_backend_reused_) return reserved;
   // With the memory of the previous window, there may be too little for a larger one.
   backend_.reset();
   STGS_ASSIGN(backend_, make_backend(settings_.backend, log_, settings_.ranks));

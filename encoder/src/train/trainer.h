@@ -175,7 +175,7 @@ class Trainer {
   TrainingImages images_;
   TrainState state_;
   std::shared_ptr<TrainBackend> backend_;
-  bool is_backend_used_ = false;  // by the previous window
+  bool is_backend_reused_ = false;  // from the previous window
   // Of a live window, by its latest pruning, which rounding uses again; empty: none.
   std::vector<float> pruned_importance_;
   StepOutput last_;  // of the latest step read

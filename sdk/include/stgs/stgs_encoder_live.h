@@ -255,11 +255,10 @@ STGS_API stgs_result stgs_live_get_report(stgs_live* live, stgs_live_report* rep
  * takes one read; replaces an existing file. NULL: not written; `stgs finalize` can write it later.
  * If `output` cannot be written, the call fails at once with STGS_ERROR_IO or STGS_ERROR_ARGUMENT,
  * changes nothing and may be repeated. After any other error the session is finished; the recording
- * has the windows before the error, and `stgs finalize` completes it. If writing `output` failed
- * later, the recording is complete. Such an error can be one that
- * ended encoding earlier: STGS_ERROR_RUNTIME, for example if fewer than two cameras delivered
- * images; STGS_ERROR_INVALID_FILE, if the calibration is wrong; STGS_ERROR_IO, if the disk is full.
- */
+ * has the windows before the error, and `stgs finalize` completes it. If writing `output` fails
+ * later, the recording is complete. Errors that ended encoding earlier are returned here:
+ * STGS_ERROR_RUNTIME, for example if fewer than two cameras delivered images;
+ * STGS_ERROR_INVALID_FILE, if the calibration is wrong; STGS_ERROR_IO, if the disk is full. */
 STGS_API stgs_result stgs_live_finish(stgs_live* live, const char* output);
 
 /* Cancels the session permanently: a stgs_live_finish that waits for encoding ends soon, and it and

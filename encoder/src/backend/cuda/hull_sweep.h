@@ -34,7 +34,7 @@ struct HullSpan {
   int first, last;  // first > last: none
 };
 
-// The silhouettes and the depths that all points are tested against.
+// The silhouettes that points are tested against.
 struct HullVotes {
   const HullRay* rays;  // `views` for each reference
   int views;
