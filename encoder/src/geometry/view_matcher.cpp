@@ -37,6 +37,11 @@ Status unknown_backend(const std::string& backend) {
 
 }  // namespace
 
+std::future<void> start_gpu(const std::string& backend) {
+  if (backend == "cpu") return {};
+  return std::async(std::launch::async, [] { (void)make_cuda_hull_sweeper(); });
+}
+
 Result<std::unique_ptr<ViewMatcher>> make_matcher(const std::string& backend, const LogSink& log) {
   if (backend == "cpu") return make_cpu_matcher();
   if (backend != "cuda" && backend != "auto") return unknown_backend(backend);

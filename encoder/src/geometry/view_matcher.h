@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <future>
 #include <memory>
 #include <string>
 
@@ -28,6 +29,10 @@ class ViewMatcher {
   // Starts all pixels and iterates over both colours. Thread-safe. kRuntime if a GPU fails.
   virtual Status run(const ViewPass& pass) = 0;
 };
+
+// Starts the GPU of a backend on another thread, which takes some tenths of a second. No effect
+// without one: the functions below report it.
+std::future<void> start_gpu(const std::string& backend);
 
 std::unique_ptr<ViewMatcher> make_cpu_matcher();
 // kNotBuilt without CUDA, kUnsupported without a GPU.

@@ -4,57 +4,71 @@
 #include <algorithm>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
+#include <optional>
 
+#include "geometry/masked_median.h"
 #include "stgs/encoder/frame_memory.h"
 
 namespace stgs::encoder::init {
 namespace {
 
-constexpr int kBackgroundSamples = 25;
+constexpr int kBackgroundSamples = 25;  // at most geometry::kMaxMedianSamples
 // Fraction of the difference to a static image by which the background adapts per window.
 constexpr double kAdaption = 0.125;
+
+// The medians of one channel, 8-bit, and how many samples count at each pixel.
+struct ChannelMedian {
+  cv::Mat median, counts;
+};
+
+ChannelMedian median_of_channel(const std::vector<cv::Mat>& channel,
+                                const std::vector<cv::Mat>& masks) {
+  std::vector<const std::uint8_t*> samples, masked;
+  for (const cv::Mat& sample : channel) samples.push_back(sample.data);
+  for (const cv::Mat& mask : masks) masked.push_back(mask.empty() ? nullptr : mask.data);
+  ChannelMedian out{cv::Mat(channel[0].size(), CV_8U), cv::Mat(channel[0].size(), CV_8U)};
+  geometry::masked_median(samples, masked, channel[0].total(), out.median.data, out.counts.data);
+  return out;
+}
+
+// Returns the median of the values, which are below 256, of the pixels whose count is not 0;
+// interpolates within the level.
+std::optional<double> median_level(const cv::Mat& values, const cv::Mat& counts) {
+  long histogram[256] = {}, counted = 0, below = 0;
+  for (std::size_t i = 0; i < values.total(); ++i) {
+    if (counts.data[i] == 0) continue;
+    ++histogram[values.data[i]];
+    ++counted;
+  }
+  for (int level = 0; level < 256 && counted > 0; ++level) {
+    if (2 * (below + histogram[level]) >= counted) {
+      const double inside = (0.5 * double(counted) - double(below)) / double(histogram[level]);
+      return level - 0.5 + inside;
+    }
+    below += histogram[level];
+  }
+  return {};
+}
 
 // Returns the median of each channel over the samples whose mask is 0 (an empty mask is 0
 // everywhere). The noise is the median over pixels of the median absolute deviation of green.
 Background median_of(const std::vector<cv::Mat>& samples, const std::vector<cv::Mat>& masks) {
-  const cv::Size size = samples[0].size();
-  Background out{cv::Mat(size, CV_8UC3, cv::Scalar::all(0)), cv::Mat(size, CV_8U, cv::Scalar(0)),
-                 1};
-  std::vector<int> histogram(256, 0);
-  std::uint8_t values[3][kBackgroundSamples];
-  long counted = 0;
-  for (int y = 0; y < size.height; ++y) {
-    for (int x = 0; x < size.width; ++x) {
-      int n = 0;
-      for (std::size_t s = 0; s < samples.size(); ++s) {
-        if (!masks[s].empty() && masks[s].at<std::uint8_t>(y, x)) continue;
-        const cv::Vec3b c = samples[s].at<cv::Vec3b>(y, x);
-        for (int k = 0; k < 3; ++k) values[k][n] = c[k];
-        ++n;
-      }
-      if (n == 0) continue;
-      cv::Vec3b& colour = out.colour.at<cv::Vec3b>(y, x);
-      for (int k = 0; k < 3; ++k) {
-        std::nth_element(values[k], values[k] + n / 2, values[k] + n);
-        colour[k] = values[k][n / 2];
-      }
-      out.valid.at<std::uint8_t>(y, x) = 255;
-      for (int i = 0; i < n; ++i) values[1][i] = std::uint8_t(std::abs(values[1][i] - colour[1]));
-      std::nth_element(values[1], values[1] + n / 2, values[1] + n);
-      ++histogram[values[1][n / 2]];
-      ++counted;
-    }
+  Background out;
+  cv::Mat channels[3], counts;
+  for (int k = 0; k < 3; ++k) {
+    std::vector<cv::Mat> channel(samples.size());
+    for (std::size_t s = 0; s < samples.size(); ++s) cv::extractChannel(samples[s], channel[s], k);
+    ChannelMedian found = median_of_channel(channel, masks);
+    channels[k] = found.median;
+    counts = found.counts;
+    if (k != 1) continue;
+    for (cv::Mat& green : channel) cv::absdiff(green, found.median, green);
+    const std::optional<double> deviation =
+        median_level(median_of_channel(channel, masks).median, found.counts);
+    if (deviation) out.noise = std::clamp(1.4826 * *deviation, 0.7, 12.0);
   }
-  long below = 0;
-  for (int level = 0; level < 256 && counted > 0; ++level) {
-    // Interpolates within the level.
-    if (2 * (below + histogram[level]) >= counted) {
-      const double inside = (0.5 * double(counted) - double(below)) / histogram[level];
-      out.noise = std::clamp(1.4826 * (level - 0.5 + inside), 0.7, 12.0);
-      break;
-    }
-    below += histogram[level];
-  }
+  cv::merge(channels, 3, out.colour);
+  out.valid = counts > 0;
   return out;
 }
 

@@ -89,10 +89,10 @@ DynamicFinder::DynamicFinder(const PreparedCapture& capture, const std::vector<V
       scene_(scene),
       settings_(settings),
       gpu_(gpu),
-      views_(views),
       limits_{0.6 * scene.range.nearest, scene.range.farthest} {
   for (std::size_t i = 0; i < views.size(); ++i) {
-    hiding_.push_back(hiding_depth_of(scene.surfaces[i], views[i]));
+    hull_.push_back(make_view(*views[i].camera, settings.hull_side));
+    hiding_.push_back(hiding_depth_of(scene.surfaces[i], hull_[i]));
     small_.push_back(make_view(*views[i].camera, settings.max_side));
   }
   references_ = spread(small_, settings.references);
@@ -101,10 +101,10 @@ DynamicFinder::DynamicFinder(const PreparedCapture& capture, const std::vector<V
 }
 
 Status DynamicFinder::load_silhouettes(int frame, std::vector<Silhouette>* out) const {
-  std::vector<std::optional<Silhouette>> found(views_.size());
-  const Status loaded = in_parallel(int(views_.size()), [&](int i) -> Status {
-    STGS_ASSIGN(const cv::Mat mask, load_mask_image(capture_, views_[i], frame));
-    if (!mask.empty()) found[i] = make_silhouette(views_[i], mask, hiding_[i]);
+  std::vector<std::optional<Silhouette>> found(hull_.size());
+  const Status loaded = in_parallel(int(hull_.size()), [&](int i) -> Status {
+    STGS_ASSIGN(const cv::Mat mask, load_mask_image(capture_, hull_[i], frame));
+    if (!mask.empty()) found[i] = make_silhouette(hull_[i], mask, hiding_[i]);
     return {};
   });
   STGS_TRY(loaded);

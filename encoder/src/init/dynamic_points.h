@@ -17,14 +17,15 @@ struct DynamicFrame {
 };
 
 struct DynamicSettings {
-  int limit = 1000;    // points per frame
-  int references = 8;  // number of views with a depth map
-  int max_side = 240;  // longer side of the sweeps, pixels
+  int limit = 1000;     // points per frame
+  int references = 8;   // number of views with a depth map
+  int max_side = 240;   // longer side of the sweeps, pixels
+  int hull_side = 320;  // of the masks whose visual hull confines them
 };
 
 class DynamicFinder {
  public:
-  // `views` set the working resolution of the masks; `scene` has their surfaces in the same order.
+  // `scene` has the surfaces of `views`, in the same order.
   // `gpu`: of the sweeps; null for the CPU. Keeps references to the capture, the scene and the GPU.
   DynamicFinder(const PreparedCapture& capture, const std::vector<View>& views,
                 const StaticScene& scene, const DynamicSettings& settings,
@@ -43,9 +44,9 @@ class DynamicFinder {
   const StaticScene& scene_;
   DynamicSettings settings_;
   geometry::HullSweeper* gpu_;
-  std::vector<View> views_, small_;  // of the masks and of the sweeps
-  std::vector<cv::Mat> hiding_;      // per view: the depth that its static surface hides
-  DepthInterval limits_;             // dynamic content may be nearer than any static content
+  std::vector<View> hull_, small_;  // of the masks and of the sweeps
+  std::vector<cv::Mat> hiding_;     // per view: the depth that its static surface hides
+  DepthInterval limits_;            // dynamic content may be nearer than any static content
   std::vector<int> references_;
   std::vector<std::vector<int>> partners_;  // of each small view
 };

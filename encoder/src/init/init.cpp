@@ -31,9 +31,11 @@ namespace {
 
 using namespace init;
 
-// Longer side of the images in the check of the calibration and in motion detection, pixels. Plane
-// sweeps of dynamic content use images of 240 pixels (dynamic_points.h), so 320 suffice when live.
+// Longer side of the images in motion detection, pixels. The hull of dynamic content uses images of
+// 320 pixels (dynamic_points.h), so these suffice when live.
 constexpr int kMaxSide = 640, kLiveMaxSide = 320;
+// In the check of the calibration: features of larger images do not match better.
+constexpr int kFeatureSide = 448;
 constexpr std::size_t kMinAgreeing = 3;  // with fewer views there is no stereo
 
 // Data passed between the stages.
@@ -57,7 +59,9 @@ struct State {
   std::vector<Finding> findings{};
   std::size_t too_near = 0;  // points removed in front of the near plane
   bool with_statics = true;  // false: a later window
-  FeatureSearch features{};  // last, because its thread uses the members above
+  // Last, because their threads use the members above.
+  FeatureSearch features{};
+  TimingCheck timing{};
 };
 
 int static_limit(const State& state) {
@@ -78,7 +82,7 @@ std::vector<View> motion_views(const State& state) {
 }
 
 Status check_calibration(State& state) {
-  const std::vector<View> views = training_views(state.capture, kMaxSide);
+  const std::vector<View> views = training_views(state.capture, kFeatureSide);
   const Status status =
       check_cameras(state.capture, views, state.settings.name, state.work, &state.calibration);
   if (status.code() != StatusCode::kInvalidFile || !state.settings.trust_calibration) return status;
@@ -153,36 +157,19 @@ Status find_static(State& state) {
                              state.scene.range.farthest));
   state.work.stage("static depth", 2);
   STGS_TRY(find_static_depth(backgrounds[0], state.work, &state.scene));
+  // Here, because a GPU leaves the CPU free for it.
+  if (state.settings.separate_motion && !state.settings.live)
+    state.timing.start(state.capture, state.views, state.calibration);
   return refine_static_depth(backgrounds[0], state.settings.backend, state.work, &state.scene);
-}
-
-// Returns the points that came with the capture, except those on dynamic content in frame 0.
-Result<std::vector<SurfacePoint>> given_points(State& state) {
-  std::vector<SurfacePoint> points;
-  std::vector<cv::Mat> masks(state.agreeing.size());
-  for (std::size_t i = 0; state.settings.separate_motion && i < state.agreeing.size(); ++i) {
-    STGS_ASSIGN(masks[i], load_mask_image(state.capture, state.agreeing[i], 0));
-  }
-  for (const InitialPoint& point : state.settings.points) {
-    const cv::Vec3d position(point.position[0], point.position[1], point.position[2]);
-    int visible = 0, dynamic = 0;
-    for (std::size_t i = 0; i < state.agreeing.size(); ++i) {
-      const Pixel p = project(state.agreeing[i], position);
-      if (!p.inside) continue;
-      ++visible;
-      dynamic += !masks[i].empty() && masks[i].at<std::uint8_t>(p.y(), p.x()) ? 1 : 0;
-    }
-    if (visible == 0 || 2 * dynamic > visible) continue;
-    points.push_back({position, {point.colour[0], point.colour[1], point.colour[2]}});
-  }
-  return points;
 }
 
 Status choose_static(State& state) {
   STGS_ASSIGN(std::vector<SurfacePoint> sparse,
               state.features.points(state.agreeing, state.scene.range, state.work));
   state.work.stage("static points");
-  STGS_ASSIGN(const std::vector<SurfacePoint> given, given_points(state));
+  const std::vector<InitialPoint>& points = state.settings.points;
+  STGS_ASSIGN(const std::vector<SurfacePoint> given,
+              given_points(state.capture, state.agreeing, points, state.settings.separate_motion));
   sparse.insert(sparse.end(), given.begin(), given.end());
   choose_static_points(sparse, static_limit(state), &state.scene);
   state.work.log(fmt::format(
@@ -284,7 +271,7 @@ ReportFacts facts_of(const State& state) {
   if (state.scene.far > 0) add("far background", fmt::format("at {:.3g}", state.scene.far));
   add("near plane", fmt::format("{:.3g}", state.capture.near_plane));
   add("scene radius", fmt::format("{:.3g}", state.capture.scene_radius));
-  facts.seconds = state.work.timings();
+  facts.stages = state.work.timings();
   facts.findings = state.findings;
   return facts;
 }
@@ -296,11 +283,15 @@ Status write_all_points(const State& state) {
 }
 
 void log_timings(const State& state) {
-  for (const auto& [stage, seconds] : state.work.timings())
-    state.work.log(fmt::format("{}: {:.1f} s", stage, seconds), 3);
+  for (const StageTime& stage : state.work.timings()) {
+    state.work.log(
+        fmt::format("{}: {:.2f} s, {:.1f} core s", stage.name, stage.seconds, stage.core_seconds),
+        3);
+  }
 }
 
 Status run(State& state) {
+  const std::future<void> gpu = geometry::start_gpu(state.settings.backend);
   state.views = motion_views(state);
   if (state.views.empty()) {
     return usage_error("{}: every camera is held out; leave some for training (--test-cameras)",
@@ -308,8 +299,6 @@ Status run(State& state) {
   }
   STGS_TRY(check_calibration(state));
   STGS_TRY(find_all_motion(state));
-  if (state.settings.separate_motion && !state.settings.live)
-    STGS_TRY(check_timing(state.capture, state.views, state.calibration, state.work, &state.late));
   select_agreeing(state);
   if (state.settings.use_colmap)
     state.features.start(state.capture, state.agreeing, state.settings.separate_motion, state.work);
@@ -319,6 +308,7 @@ Status run(State& state) {
     STGS_TRY(find_velocities(state));
   }
   STGS_TRY(choose_static(state));
+  STGS_TRY(state.timing.wait(state.work, &state.late));
   collect_points(state);
   state.findings = find_weaknesses(state.views, state.scene, state.calibration, state.late,
                                    state.masked, state.scene.points);

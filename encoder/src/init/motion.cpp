@@ -15,6 +15,7 @@ namespace {
 
 // Largest forward-backward error of reliable flow, pixels, plus 5 % of its length.
 constexpr double kRoundTrip = 0.75;
+constexpr int kFlowMargin = 32;   // around dynamic content, pixels: also the smallest image of DIS
 constexpr int kLearntImages = 3;  // of a window, by a live background
 
 cv::Mat grey_of(const cv::Mat& rgb) {
@@ -30,7 +31,7 @@ cv::Mat not_a_number(cv::Size size) {
 // Returns the dense flow from a to b, NaN where the backward flow disagrees. All NaN for images too
 // small for DIS.
 cv::Mat checked_flow(cv::DISOpticalFlow& dis, const cv::Mat& a, const cv::Mat& b) {
-  if (a.cols < 32 || a.rows < 32) return not_a_number(a.size());
+  if (a.cols < kFlowMargin || a.rows < kFlowMargin) return not_a_number(a.size());
   cv::Mat forward, back;
   dis.calc(a, b, forward);
   dis.calc(b, a, back);
@@ -110,6 +111,15 @@ Result<cv::Mat> given_flow(const PreparedCapture& capture, const View& view,
   return flow;
 }
 
+// Returns the part of the image that shows dynamic content, with a margin.
+cv::Rect part_with(const cv::Mat& mask) {
+  const cv::Rect box = cv::boundingRect(mask);
+  if (box.empty()) return box;
+  return cv::Rect(box.x - kFlowMargin, box.y - kFlowMargin, box.width + 2 * kFlowMargin,
+                  box.height + 2 * kFlowMargin) &
+         cv::Rect({0, 0}, mask.size());
+}
+
 // The flow of one camera, given or found.
 class FlowFinder {
  public:
@@ -118,10 +128,14 @@ class FlowFinder {
     if (std::max(view.width, view.height) <= 320) dis_->setFinestScale(0);
   }
 
-  // Returns the flow from a frame to the next.
-  Result<cv::Mat> find(int frame, const cv::Mat& image, const cv::Mat& next) {
+  // Returns the flow from a frame to the next. Searched only in `part`, NaN elsewhere.
+  Result<cv::Mat> find(int frame, const cv::Mat& image, const cv::Mat& next, cv::Rect part) {
     STGS_ASSIGN(cv::Mat flow, given_flow(capture_, view_, settings_, frame));
-    return flow.empty() ? checked_flow(*dis_, grey_of(image), grey_of(next)) : flow;
+    if (!flow.empty()) return flow;
+    flow = not_a_number(image.size());
+    if (!part.empty())
+      checked_flow(*dis_, grey_of(image(part)), grey_of(next(part))).copyTo(flow(part));
+    return flow;
   }
 
  private:
@@ -173,7 +187,7 @@ Status write_masks(const PreparedCapture& capture, const View& view, const InitS
     cv::Mat next, flow, leaving(view.size(), CV_8U, cv::Scalar(0));
     if (frame + 1 < capture.frames) {
       STGS_ASSIGN(next, load_image(capture, view, frame + 1));
-      STGS_ASSIGN(flow, finder.find(frame, image, next));
+      STGS_ASSIGN(flow, finder.find(frame, image, next, cv::Rect({0, 0}, image.size())));
       leaving = moving_by_flow(flow);
     }
     cv::Mat change;
@@ -262,7 +276,8 @@ Status find_frame_flow(const PreparedCapture& capture, const View& view,
   STGS_ASSIGN(const cv::Mat image, load_image(capture, view, frame));
   STGS_ASSIGN(const cv::Mat next, load_image(capture, view, frame + 1));
   STGS_ASSIGN(const cv::Mat mask, mask_of(capture, view, frame));
-  STGS_ASSIGN(const cv::Mat flow, FlowFinder(capture, view, settings).find(frame, image, next));
+  FlowFinder finder(capture, view, settings);
+  STGS_ASSIGN(const cv::Mat flow, finder.find(frame, image, next, part_with(mask)));
   motion->flow[frame] = pack_flow(flow, mask);
   motion->has_flow[frame] = 1;
   return {};

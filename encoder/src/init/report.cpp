@@ -126,8 +126,8 @@ ReportPage page_of(const PreparedCapture& capture, const ReportFacts& facts,
   page.map("Cameras from above (rings: held out)", map_of(capture));
   page.heading("Time");
   std::vector<std::pair<std::string, std::string>> seconds;
-  for (const auto& [name, value] : facts.seconds) {
-    seconds.emplace_back(name, fmt::format("{:.1f} s", value));
+  for (const StageTime& stage : facts.stages) {
+    seconds.emplace_back(stage.name, fmt::format("{:.1f} s", stage.seconds));
   }
   page.table(seconds);
   for (const Section& section : sections) {

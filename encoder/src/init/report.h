@@ -17,7 +17,7 @@ namespace stgs::encoder::init {
 struct ReportFacts {
   std::vector<Finding> findings;
   std::vector<std::pair<std::string, std::string>> lines;  // name, value
-  std::vector<std::pair<std::string, double>> seconds;     // duration by stage
+  std::vector<StageTime> stages;
 };
 
 // Writes report/index.html and its images: a verdict, a map of the cameras, mask overlays, static

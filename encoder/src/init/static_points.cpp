@@ -356,4 +356,28 @@ void choose_static_points(const std::vector<SurfacePoint>& sparse, int limit, St
   }
 }
 
+Result<std::vector<SurfacePoint>> given_points(const PreparedCapture& capture,
+                                               const std::vector<View>& views,
+                                               const std::vector<InitialPoint>& points,
+                                               bool separate_motion) {
+  std::vector<SurfacePoint> out;
+  std::vector<cv::Mat> masks(views.size());
+  for (std::size_t i = 0; separate_motion && i < views.size(); ++i) {
+    STGS_ASSIGN(masks[i], load_mask_image(capture, views[i], 0));
+  }
+  for (const InitialPoint& point : points) {
+    const cv::Vec3d position = position_of(point);
+    int visible = 0, dynamic = 0;
+    for (std::size_t i = 0; i < views.size(); ++i) {
+      const Pixel p = project(views[i], position);
+      if (!p.inside) continue;
+      ++visible;
+      dynamic += !masks[i].empty() && masks[i].at<std::uint8_t>(p.y(), p.x()) ? 1 : 0;
+    }
+    if (visible == 0 || 2 * dynamic > visible) continue;
+    out.push_back({position, {point.colour[0], point.colour[1], point.colour[2]}});
+  }
+  return out;
+}
+
 }  // namespace stgs::encoder::init

@@ -57,4 +57,11 @@ void choose_static_points(const std::vector<SurfacePoint>& sparse, int limit, St
 int plane_count(const View& view, const std::vector<View>& views, const std::vector<int>& others,
                 double nearest, double farthest, int low, int high);
 
+// Returns points that came with the capture. With `separate_motion`, without those that are on
+// dynamic content in frame 0.
+Result<std::vector<SurfacePoint>> given_points(const PreparedCapture& capture,
+                                               const std::vector<View>& views,
+                                               const std::vector<InitialPoint>& points,
+                                               bool separate_motion);
+
 }  // namespace stgs::encoder::init

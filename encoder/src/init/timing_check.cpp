@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <cstdlib>
 #include <map>
 #include <opencv2/imgproc.hpp>
@@ -10,6 +11,7 @@
 
 #include "init/epipolar.h"
 #include "init/image_matches.h"
+#include "stgs/format/task_runner.h"
 
 namespace stgs::encoder::init {
 namespace {
@@ -179,6 +181,30 @@ Status check_timing(const PreparedCapture& capture, const std::vector<View>& vie
     delays[late.view] = late.frames;
     out->push_back(late);
   }
+  return {};
+}
+
+void TimingCheck::start(const PreparedCapture& capture, const std::vector<View>& views,
+                        const CalibrationCheck& calibration) {
+  check_ = std::async(std::launch::async, [&, runner = task_runner()] {
+    const ScopedTaskRunner use(runner);
+    return guarded("timing",
+                   [&] { return check_timing(capture, views, calibration, background_, &late_); });
+  });
+}
+
+Status TimingCheck::wait(Work& work, std::vector<LateCamera>* out) {
+  out->clear();
+  if (!check_.valid()) return {};
+  work.stage("timing");
+  const auto ready = [&]() -> Status {
+    while (check_.wait_for(std::chrono::milliseconds(20)) != std::future_status::ready)
+      STGS_TRY(work.check());
+    return {};
+  };
+  STGS_TRY(work.wait_for(ready));
+  STGS_TRY(check_.get());
+  *out = std::move(late_);
   return {};
 }
 

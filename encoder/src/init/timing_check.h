@@ -2,6 +2,8 @@
 // Finds cameras whose frames were taken earlier or later than those of the others.
 #pragma once
 
+#include <future>
+
 #include <vector>
 
 #include "init/calibration_check.h"
@@ -22,6 +24,29 @@ struct LateCamera {
 // Skips the outliers of the calibration, because their epipolar lines are wrong.
 Status check_timing(const PreparedCapture& capture, const std::vector<View>& views,
                     const CalibrationCheck& calibration, Work& work, std::vector<LateCamera>* out);
+
+// The check in parallel with other stages: nothing depends on its result but reports.
+class TimingCheck {
+ public:
+  TimingCheck() = default;
+  // Cancels the check and waits for it.
+  ~TimingCheck() { background_.cancel(); }
+  TimingCheck(const TimingCheck&) = delete;
+  TimingCheck& operator=(const TimingCheck&) = delete;
+
+  // Starts the check on the caller's TaskRunner. The arguments must outlive the object.
+  void start(const PreparedCapture& capture, const std::vector<View>& views,
+             const CalibrationCheck& calibration);
+  // Waits for the check, in the stage "timing". Nothing is found if it was not started.
+  Status wait(Work& work, std::vector<LateCamera>* out);
+
+ private:
+  const ProgressSink no_progress_;
+  const LogSink no_log_;
+  Work background_{no_progress_, no_log_};
+  std::vector<LateCamera> late_;
+  std::future<Status> check_;  // its destructor joins the thread
+};
 
 inline constexpr int kMaxDelay = 3;  // frames
 

@@ -17,7 +17,7 @@ constexpr std::size_t kPointsPerTask = 128;  // few frames of a live window occu
 constexpr int kMinForMedian = 3;
 constexpr std::size_t kWide = 25,
                       kNarrow = 9;  // neighbours that smooth, in all rounds and the last
-constexpr int kMeasuredFrames = 6;  // compare the two estimates
+constexpr int kMeasuredFrames = 3;  // compare the two estimates
 // Flow of all frames takes long, so its residual has to be this fraction of the other at most.
 constexpr double kClearlyLess = 0.99;
 

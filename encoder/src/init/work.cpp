@@ -2,6 +2,7 @@
 #include "init/work.h"
 
 #include <algorithm>
+#include <ctime>
 #include <exception>
 
 #include "stgs/format/parallel.h"
@@ -13,14 +14,25 @@ double since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
+double core_seconds() {
+  timespec used{};
+  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &used);
+  return static_cast<double>(used.tv_sec) + 1e-9 * static_cast<double>(used.tv_nsec);
+}
+
 }  // namespace
 
+StageTime Work::current() const {
+  return {name_, since(start_), core_seconds() - core_start_};
+}
+
 void Work::stage(const std::string& name, int passes) {
-  if (!name_.empty()) done_.emplace_back(name_, since(start_));
+  if (!name_.empty()) done_.push_back(current());
   name_ = name;
   passes_ = passes;
   passed_ = 0;
   start_ = std::chrono::steady_clock::now();
+  core_start_ = core_seconds();
 }
 
 Status Work::report_while(int total, const std::function<Status(Counter&)>& task) {
@@ -71,9 +83,9 @@ void Work::log(const std::string& line, int level) const {
   if (log_) log_(level, line);
 }
 
-std::vector<std::pair<std::string, double>> Work::timings() const {
+std::vector<StageTime> Work::timings() const {
   auto all = done_;
-  if (!name_.empty()) all.emplace_back(name_, since(start_));
+  if (!name_.empty()) all.push_back(current());
   return all;
 }
 

@@ -7,7 +7,6 @@
 #include <chrono>
 #include <functional>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "capture/reporting.h"
@@ -15,6 +14,12 @@
 #include "stgs/format/status.h"
 
 namespace stgs::encoder::init {
+
+// A stage and what it took.
+struct StageTime {
+  std::string name;
+  double seconds = 0, core_seconds = 0;  // elapsed; of all threads of the process
+};
 
 class Work {
  public:
@@ -30,23 +35,27 @@ class Work {
   Status for_each(int count, const std::function<Status(int)>& task);
   // Runs `task` on another thread, with progress and cancelling as in for_each.
   Status wait_for(const std::function<Status()>& task);
+  // Cancels from outside, like a progress sink that returns false. Thread-safe.
+  void cancel() { cancelled_ = true; }
   // Returns kRuntime after cancelling. Long tasks call it regularly. Thread-safe.
   Status check() const;
   // Logs a line. The default level 2 is information.
   void log(const std::string& line, int level = 2) const;
-  // Returns the duration of each stage in seconds, including the current one.
-  std::vector<std::pair<std::string, double>> timings() const;
+  // Returns the time of each stage, including the current one.
+  std::vector<StageTime> timings() const;
 
  private:
   const ProgressSink& progress_;
   const LogSink& log_;
+  StageTime current() const;
   Status report_while(int total, const std::function<Status(Counter&)>& task);
 
   std::string name_;
   int passes_ = 1, passed_ = 0;
   std::atomic<bool> cancelled_{false};
   std::chrono::steady_clock::time_point start_;
-  std::vector<std::pair<std::string, double>> done_;
+  double core_start_ = 0;
+  std::vector<StageTime> done_;
 };
 
 // Runs `task` and converts an exception to an error that names `what`.
