@@ -1,22 +1,29 @@
 // SPDX-License-Identifier: Apache-2.0
 // Builds the tile lists:
-// 1. Sort the visible primitives by depth, once.
-// 2. List the tiles that each primitive's ellipse intersects: its instances.
-// 3. Sort the instances by tile. The sort is stable, so each tile's list remains in depth order.
+// 1. Count the tiles that each visible primitive's ellipse intersects: its instances.
+// 2. Sum the counts over the tiles.
+// 3. List the instances by tile, in any order.
+// 4. Sort each tile's instances by depth; ties: lower primitive first.
 //
-// Only the device knows the number of instances. The sort by tile therefore covers an upper bound
-// that the host derives from recent steps, padded with instances of no tile: two passes over a
-// quarter more entries cost less than waiting for the count. All orders depend on depth, primitive
-// and tile only, never on scheduling.
+// Few small kernels, because at training sizes each takes about as long as its start. Only the
+// device knows the number of instances; the host provides a bound. The lists depend on depth,
+// primitive and tile only. The numbers of instances depend on scheduling, but a primitive's are
+// consecutive and ordered by tile, so that sums over them do not.
+//
+// Steps 1 and 3 share the tiles of a block's bounding boxes evenly among its threads: a few
+// primitives have hundreds of times as many as others.
 #include "backend/cuda/device.cuh"
 
 namespace stgs::encoder::cuda {
 namespace {
 
-constexpr int kBlock = 128;
-constexpr int kDepthBits = 31;  // depths are positive; kInvisible sorts last in these bits too
-// Maximum tiles of a box that a single thread processes; its warp shares larger boxes.
-constexpr int kMaxTilesPerThread = 12;
+constexpr int kBlock = 256, kWarps = kBlock / 32;
+constexpr int kScanBlock = 1024;
+constexpr int kSortBlock = 128;
+// Entries of a tile that are sorted in shared memory; longer lists are sorted where they are.
+constexpr std::uint32_t kMaxSharedEntries = 2048;
+// Entries that a warp has for itself in the steps of a sort over at most so many.
+constexpr std::uint32_t kWarpEntries = 64;
 
 struct TileBox {
   int x0, y0, columns, count;
@@ -42,174 +49,265 @@ __device__ bool hits_tile(const ScreenSplat& s, int tx, int ty, const View& view
                        static_cast<float>(y0) + 0.5f, static_cast<float>(y1) - 0.5f);
 }
 
-__device__ bool is_large(const TileBox& box) {
-  return box.count > kMaxTilesPerThread;
-}
-
-// Calls visit(k, tx, ty) for the k-th tile of a box that is not large.
-template <typename Visit>
-__device__ void for_small(const TileBox& box, Visit visit) {
-  if (is_large(box)) return;
-  int tx = box.x0, ty = box.y0;
-  for (int k = 0; k < box.count; ++k) {
-    visit(k, tx, ty);
-    if (++tx == box.x0 + box.columns) {
-      tx = box.x0;
-      ++ty;
-    }
+// Returns the sum over the lanes up to this one.
+__device__ std::uint32_t warp_sum_up_to(std::uint32_t value) {
+  const int lane = threadIdx.x & 31;
+#pragma unroll
+  for (int step = 1; step < 32; step *= 2) {
+    const std::uint32_t before = __shfl_up_sync(kAllLanes, value, step);
+    if (lane >= step) value += before;
   }
+  return value;
 }
 
-__device__ ScreenSplat shuffle_splat(const ScreenSplat& s, int lane) {
-  ScreenSplat out = s;
-  out.mean.x = __shfl_sync(kAllLanes, s.mean.x, lane);
-  out.mean.y = __shfl_sync(kAllLanes, s.mean.y, lane);
-  out.falloff.xx = __shfl_sync(kAllLanes, s.falloff.xx, lane);
-  out.falloff.xy = __shfl_sync(kAllLanes, s.falloff.xy, lane);
-  out.falloff.yy = __shfl_sync(kAllLanes, s.falloff.yy, lane);
-  out.peak = __shfl_sync(kAllLanes, s.peak, lane);
-  return out;
-}
-
-__device__ TileBox shuffle_box(const TileBox& b, int lane) {
-  return {__shfl_sync(kAllLanes, b.x0, lane), __shfl_sync(kAllLanes, b.y0, lane),
-          __shfl_sync(kAllLanes, b.columns, lane), __shfl_sync(kAllLanes, b.count, lane)};
-}
-
-// The primitive of a lane; idle if box.count is 0.
-struct TileWalk {
-  ScreenSplat splat;
-  TileBox box;
-  std::uint32_t primitive, begin;
+// The primitives of a block, and the tiles of their bounding boxes, one after the other.
+struct Candidates {
+  ScreenSplat splats[kBinPrimitives];
+  TileBox boxes[kBinPrimitives];
+  std::uint32_t begin[kBinPrimitives];  // first tile of a primitive's box
+  std::uint32_t hits[kBinPrimitives];   // tiles that it intersects
+  std::uint32_t count;                  // of all tiles
 };
 
-// Calls visit(primitive, begin, tile, index) for each tile that the lanes' splats with a large box
-// intersect; `index` counts the tiles of a splat in ascending order. Returns the lane's own count.
-// All lanes of the warp must call it.
-template <typename Visit>
-__device__ std::uint32_t for_large(const TileWalk& own, const View& view, Visit visit) {
-  const int lane = threadIdx.x & 31;
-  std::uint32_t count = 0;
-  unsigned large = __ballot_sync(kAllLanes, is_large(own.box));
-  while (large != 0) {
-    const int owner = __ffs(large) - 1;
-    large &= large - 1;
-    const ScreenSplat splat = shuffle_splat(own.splat, owner);
-    const TileBox box = shuffle_box(own.box, owner);
-    const std::uint32_t primitive = __shfl_sync(kAllLanes, own.primitive, owner);
-    const std::uint32_t begin = __shfl_sync(kAllLanes, own.begin, owner);
-    std::uint32_t found = 0;
-    for (int k = lane; k - lane < box.count; k += 32) {
-      const int tx = box.x0 + k % box.columns, ty = box.y0 + k / box.columns;
-      const bool hit = k < box.count && hits_tile(splat, tx, ty, view);
-      const unsigned mask = __ballot_sync(kAllLanes, hit);
-      if (hit)
-        visit(primitive, begin, static_cast<std::uint32_t>(ty * view.tiles_x + tx),
-              found + __popc(mask & ((1u << lane) - 1u)));
-      found += __popc(mask);
-    }
-    if (lane == owner) count = found;
-  }
-  return count;
+// Returns the number of the block's primitive k.
+__device__ std::uint32_t primitive_of(std::uint32_t k) {
+  return blockIdx.x * kBinPrimitives + k;
 }
 
-// Returns the walk of the r-th primitive by depth; idle if there is none.
-__device__ TileWalk walk_of(std::uint32_t r, std::uint32_t n, const View& view,
-                            const Workspace& w) {
-  TileWalk walk{};
-  walk.box.columns = 1;
-  if (r >= n || r >= w.counters->visible) return walk;
-  walk.primitive = w.order[r];
-  walk.splat = load_splat(w.splats, walk.primitive);
-  walk.box = tile_box(walk.splat, view);
-  return walk;
+// Fills the candidates, with hits of 0. All threads call it.
+__device__ void load_candidates(std::uint32_t n, const View& view, const Workspace& w,
+                                Candidates& c) {
+  static_assert(kBinPrimitives == 64, "two warps load them");
+  const std::uint32_t k = threadIdx.x, i = primitive_of(k);
+  std::uint32_t end = 0;
+  if (k < kBinPrimitives) {
+    TileBox box{0, 0, 1, 0};
+    if (i < n && w.depth_keys[i] != kInvisible) {
+      c.splats[k] = load_splat(w.splats, i);
+      box = tile_box(c.splats[k], view);
+    }
+    c.boxes[k] = box;
+    c.hits[k] = 0;
+    end = warp_sum_up_to(static_cast<std::uint32_t>(box.count));
+    if (k == 31) c.count = end;
+  }
+  __syncthreads();
+  const std::uint32_t before = k < 32 ? 0 : c.count;
+  if (k < kBinPrimitives) c.begin[k] = before + end - static_cast<std::uint32_t>(c.boxes[k].count);
+  __syncthreads();
+  if (k == kBinPrimitives - 1) c.count = before + end;
+  __syncthreads();
+}
+
+// A tile of a box.
+struct Candidate {
+  std::uint32_t k = 0;  // the block's primitive
+  std::uint32_t tile = 0;
+  bool hit = false;  // its ellipse intersects the tile
+};
+
+__device__ Candidate candidate_at(const Candidates& c, std::uint32_t at, const View& view) {
+  Candidate out;
+  if (at >= c.count) return out;
+#pragma unroll
+  for (std::uint32_t step = kBinPrimitives / 2; step > 0; step /= 2)
+    if (c.begin[out.k + step] <= at) out.k += step;
+  const TileBox box = c.boxes[out.k];
+  const int number = static_cast<int>(at - c.begin[out.k]);
+  const int tx = box.x0 + number % box.columns, ty = box.y0 + number / box.columns;
+  out.tile = static_cast<std::uint32_t>(ty * view.tiles_x + tx);
+  out.hit = hits_tile(c.splats[out.k], tx, ty, view);
+  return out;
 }
 
 __global__ void __launch_bounds__(kBlock)
     count_tiles(std::uint32_t n, const View view, const Workspace w) {
-  const std::uint32_t r = blockIdx.x * kBlock + threadIdx.x;
-  const TileWalk walk = walk_of(r, n, view, w);
-  std::uint32_t mask = 0;  // bit k: the k-th tile of a box that is not large
-  for_small(walk.box, [&](int k, int tx, int ty) {
-    mask |= static_cast<std::uint32_t>(hits_tile(walk.splat, tx, ty, view)) << k;
-  });
-  const auto none = [](std::uint32_t, std::uint32_t, std::uint32_t, std::uint32_t) {};
-  const std::uint32_t count = __popc(mask) + for_large(walk, view, none);
-  if (r < n) w.tile_masks[r] = mask;
-  if (r < n) w.tile_counts[r] = count;
-  const std::uint32_t sum = warp_sum(count);
-  if ((threadIdx.x & 31) == 0 && sum > 0)
-    atomicAdd(&w.counters->instances, static_cast<unsigned long long>(sum));
-}
-
-__global__ void __launch_bounds__(kBlock)
-    list_instances(std::uint32_t n, const View view, std::uint32_t bound, const Workspace w) {
-  const std::uint32_t r = blockIdx.x * kBlock + threadIdx.x;
-  const unsigned long long total = w.counters->instances;
-  // A race with another block that sets the flag is benign: both find the same.
-  const bool fits = total <= bound && w.counters->overflow == 0;
-  if (r == 0 && total > bound) w.counters->overflow = 1;
-  for (std::uint32_t k = (fits ? static_cast<std::uint32_t>(total) : 0u) + r; k < bound;
-       k += gridDim.x * kBlock)
-    w.instance_tiles[k] = 0xFFFFFFFFu;
-  if (!fits) return;
-  TileWalk walk = walk_of(r, n, view, w);
-  if (walk.box.count > 0) walk.begin = w.tile_offsets[r];
-  const auto list = [&](std::uint32_t primitive, std::uint32_t begin, std::uint32_t tile,
-                        std::uint32_t index) {
-    w.instance_tiles[begin + index] = tile;
-    w.owners[begin + index] = primitive;
-  };
-  const std::uint32_t mask = walk.box.count > 0 ? w.tile_masks[r] : 0;
-  std::uint32_t count = 0;
-  for_small(walk.box, [&](int k, int tx, int ty) {
-    if (mask >> k & 1u)
-      list(walk.primitive, walk.begin, static_cast<std::uint32_t>(ty * view.tiles_x + tx), count++);
-  });
-  count += for_large(walk, view, list);
-  if (r < n && r < w.counters->visible) w.ranges[walk.primitive] = make_uint2(walk.begin, count);
-}
-
-// Computes list and tile_begin from the sorted instances.
-__global__ void __launch_bounds__(kBlock)
-    make_lists(std::uint32_t tiles, std::uint32_t bound, const Workspace w) {
-  const std::uint32_t k = blockIdx.x * kBlock + threadIdx.x;
-  if (k < bound && w.tiles_sorted[k] < tiles) w.list[k] = w.owners[w.instances_sorted[k]];
-  if (k > tiles) return;
-  std::uint32_t low = 0, high = bound;  // the first entry of tile k or a later one
-  while (low < high) {
-    const std::uint32_t middle = (low + high) / 2;
-    if (w.tiles_sorted[middle] < k) {
-      low = middle + 1;
-    } else {
-      high = middle;
-    }
+  __shared__ Candidates candidates;
+  __shared__ std::uint32_t sum;
+  if (threadIdx.x == 0) sum = 0;
+  load_candidates(n, view, w, candidates);
+  std::uint32_t own = 0;
+  for (std::uint32_t at = threadIdx.x; at < candidates.count; at += kBlock) {
+    const Candidate c = candidate_at(candidates, at, view);
+    if (!c.hit) continue;
+    atomicAdd(w.tile_entries + c.tile, 1u);
+    ++own;
   }
-  w.tile_begin[k] = low;
+  own = warp_sum(own);
+  if ((threadIdx.x & 31) == 0 && own > 0) atomicAdd(&sum, own);
+  __syncthreads();
+  if (threadIdx.x == 0)
+    w.block_begin[blockIdx.x] = static_cast<std::uint32_t>(
+        atomicAdd(&w.counters->instances, static_cast<unsigned long long>(sum)));
 }
 
-int bits_of(std::uint32_t x) {
-  int bits = 0;
-  for (; x != 0; x >>= 1) ++bits;
-  return bits;
+// Returns the sum over the threads before this one. `total`: of all threads.
+__device__ std::uint32_t sum_before(std::uint32_t value, std::uint32_t& total) {
+  __shared__ std::uint32_t warps[kScanBlock / 32];
+  const int lane = threadIdx.x & 31, warp = threadIdx.x / 32;
+  std::uint32_t sum = value;
+#pragma unroll
+  for (int step = 1; step < 32; step *= 2) {
+    const std::uint32_t before = __shfl_up_sync(kAllLanes, sum, step);
+    if (lane >= step) sum += before;
+  }
+  __syncthreads();
+  if (lane == 31) warps[warp] = sum;
+  __syncthreads();
+  std::uint32_t before = 0;
+  total = 0;
+  for (int v = 0; v < kScanBlock / 32; ++v) {
+    if (v == warp) before = total;
+    total += warps[v];
+  }
+  return before + sum - value;
+}
+
+// Computes tile_begin, and sets tile_entries to 0. All lists are empty if the instances exceed the
+// bound, or those of an earlier step did.
+__global__ void __launch_bounds__(kScanBlock)
+    sum_tiles(std::uint32_t tiles, std::uint32_t bound, const Workspace w) {
+  const bool is_over = w.counters->instances > bound;
+  const bool fits = !is_over && w.counters->overflow == 0;
+  __syncthreads();
+  if (threadIdx.x == 0 && is_over) w.counters->overflow = 1;
+  std::uint32_t begin = 0;
+  for (std::uint32_t base = 0; base <= tiles; base += kScanBlock) {
+    const std::uint32_t tile = base + threadIdx.x;
+    std::uint32_t total = 0;
+    const std::uint32_t count = fits && tile < tiles ? w.tile_entries[tile] : 0;
+    const std::uint32_t before = sum_before(count, total);
+    if (tile <= tiles) w.tile_begin[tile] = begin + before;
+    if (tile < tiles) w.tile_entries[tile] = 0;
+    begin += total;
+  }
+}
+
+// Writes the ranges of the block's primitives, whose hits are complete. All threads call it.
+__device__ void write_ranges(std::uint32_t n, std::uint32_t first, const Candidates& c,
+                             const Workspace& w) {
+  __shared__ std::uint32_t of_first_warp;
+  const std::uint32_t k = threadIdx.x, i = primitive_of(k);
+  const std::uint32_t hits = k < kBinPrimitives ? c.hits[k] : 0;
+  const std::uint32_t end = warp_sum_up_to(hits);
+  if (k == 31) of_first_warp = end;
+  __syncthreads();
+  if (k < kBinPrimitives && i < n)
+    w.ranges[i] = make_uint2(first + (k < 32 ? 0 : of_first_warp) + end - hits, hits);
+}
+
+__global__ void __launch_bounds__(kBlock)
+    list_instances(std::uint32_t n, const View view, const Workspace w) {
+  __shared__ Candidates candidates;
+  __shared__ std::uint32_t warps[2][kWarps];  // hits of each warp, of alternate rounds
+  if (w.counters->overflow != 0) return;
+  load_candidates(n, view, w, candidates);
+  const int lane = threadIdx.x & 31, warp = threadIdx.x / 32;
+  const std::uint32_t first = w.block_begin[blockIdx.x];
+  std::uint32_t instance = first;  // of the round's first hit
+  for (std::uint32_t base = 0, round = 0; base < candidates.count; base += kBlock, round ^= 1) {
+    const Candidate c = candidate_at(candidates, base + threadIdx.x, view);
+    const unsigned mask = __ballot_sync(kAllLanes, c.hit);
+    if (lane == 0) warps[round][warp] = __popc(mask);
+    std::uint32_t at = 0;
+    if (c.hit) at = w.tile_begin[c.tile] + atomicAdd(w.tile_entries + c.tile, 1u);
+    __syncthreads();
+    std::uint32_t own = instance + __popc(mask & ((1u << lane) - 1u));
+    for (int v = 0; v < kWarps; ++v) {
+      if (v < warp) own += warps[round][v];
+      instance += warps[round][v];
+    }
+    if (!c.hit) continue;
+    const std::uint32_t i = primitive_of(c.k);
+    atomicAdd(&candidates.hits[c.k], 1u);
+    w.entry_keys[at] = static_cast<unsigned long long>(w.depth_keys[i]) << 32 | i;
+    w.instances_sorted[at] = own;
+  }
+  __syncthreads();
+  write_ranges(n, first, candidates, w);
+}
+
+// The entries of a tile.
+struct Entries {
+  unsigned long long* keys;  // depth, then primitive
+  std::uint32_t* instances;
+};
+
+__device__ void put_in_order(const Entries& e, std::uint32_t a, std::uint32_t b) {
+  const unsigned long long key_a = e.keys[a], key_b = e.keys[b];
+  if (key_a <= key_b) return;
+  e.keys[a] = key_b;
+  e.keys[b] = key_a;
+  const std::uint32_t instance = e.instances[a];
+  e.instances[a] = e.instances[b];
+  e.instances[b] = instance;
+}
+
+// Sorts n entries by a bitonic network whose comparisons are all ascending, so that those beyond n
+// can be left out. All threads of the block call it.
+__device__ void sort_entries(const Entries& e, std::uint32_t n) {
+  std::uint32_t pairs = 1, widest = 0;
+  while (2 * pairs < n) pairs *= 2;
+  // A step over `span` entries; find(i) returns the lower entry of pair i, and the upper one.
+  const auto step = [&](std::uint32_t span, auto find) {
+    if (max(span, widest) <= kWarpEntries) {
+      __syncwarp();
+    } else {
+      __syncthreads();
+    }
+    widest = span;
+    for (std::uint32_t i = threadIdx.x; i < pairs; i += kSortBlock) {
+      const uint2 pair = find(i);
+      if (pair.y < n) put_in_order(e, pair.x, pair.y);
+    }
+  };
+  for (std::uint32_t k = 2; k <= 2 * pairs; k *= 2) {
+    step(k, [k](std::uint32_t i) {
+      const std::uint32_t base = i / (k / 2) * k, offset = i % (k / 2);
+      return make_uint2(base + offset, base + k - 1 - offset);
+    });
+    for (std::uint32_t j = k / 4; j > 0; j /= 2)
+      step(2 * j, [j](std::uint32_t i) {
+        const std::uint32_t a = 2 * i - (i & (j - 1));
+        return make_uint2(a, a + j);
+      });
+  }
+  __syncthreads();
+}
+
+// One block per tile. Also sets tile_entries to 0 again, for the next step.
+__global__ void __launch_bounds__(kSortBlock) sort_tiles(const Workspace w) {
+  __shared__ unsigned long long keys[kMaxSharedEntries];
+  __shared__ std::uint32_t instances[kMaxSharedEntries];
+  const std::uint32_t tile = blockIdx.x, first = w.tile_begin[tile];
+  const std::uint32_t n = w.tile_begin[tile + 1] - first;
+  if (threadIdx.x == 0) w.tile_entries[tile] = 0;
+  if (n == 0) return;
+  const Entries given{w.entry_keys + first, w.instances_sorted + first};
+  const bool is_shared = n <= kMaxSharedEntries;
+  const Entries own = is_shared ? Entries{keys, instances} : given;
+  for (std::uint32_t k = threadIdx.x; is_shared && k < n; k += kSortBlock) {
+    keys[k] = given.keys[k];
+    instances[k] = given.instances[k];
+  }
+  __syncthreads();
+  sort_entries(own, n);
+  for (std::uint32_t k = threadIdx.x; k < n; k += kSortBlock) {
+    w.list[first + k] = static_cast<std::uint32_t>(own.keys[k]);
+    if (is_shared) given.instances[k] = instances[k];
+  }
 }
 
 }  // namespace
 
 void launch_bin(std::uint32_t n, const View& view, std::size_t bound, const Workspace& w,
                 cudaStream_t stream) {
-  const std::uint32_t tiles = static_cast<std::uint32_t>(view.tiles_x * view.tiles_y);
-  sort_indices(w, w.depth_keys, w.depth_sorted, w.order, n, kDepthBits, stream);
-  count_tiles<<<blocks_of(n, kBlock), kBlock, 0, stream>>>(n, view, w);
-  exclusive_sum(w, w.tile_counts, w.tile_offsets, n, stream);
-  list_instances<<<blocks_of(n, kBlock), kBlock, 0, stream>>>(n, view,
-                                                              static_cast<std::uint32_t>(bound), w);
-  // The low bits of the padding are all set, so it sorts after every tile.
-  sort_indices(w, w.instance_tiles, w.tiles_sorted, w.instances_sorted, bound, bits_of(tiles),
-               stream);
-  const std::size_t threads = bound > tiles + 1 ? bound : tiles + 1;
-  make_lists<<<blocks_of(threads, kBlock), kBlock, 0, stream>>>(
-      tiles, static_cast<std::uint32_t>(bound), w);
+  const auto tiles = static_cast<std::uint32_t>(view.tiles_x * view.tiles_y);
+  const int blocks = blocks_of(n, kBinPrimitives);
+  count_tiles<<<blocks, kBlock, 0, stream>>>(n, view, w);
+  sum_tiles<<<1, kScanBlock, 0, stream>>>(tiles, static_cast<std::uint32_t>(bound), w);
+  list_instances<<<blocks, kBlock, 0, stream>>>(n, view, w);
+  sort_tiles<<<tiles, kSortBlock, 0, stream>>>(w);
 }
 
 }  // namespace stgs::encoder::cuda

@@ -10,7 +10,7 @@ namespace {
 using namespace math;
 
 __device__ CameraGrad camera_gradient_of(const Primitives& p, std::uint32_t i, const View& view,
-                                         const ScreenSplat& splat, const FloatSums<kSums>& sums) {
+                                         const ScreenSplat& splat, const Sums& sums) {
   const Sym2 conic = conic_of(splat.falloff);
   const float opacity = exp2f(splat.peak);
   const SplatGradient grad = splat_gradient(sums, conic, opacity);
@@ -41,10 +41,8 @@ __global__ void __launch_bounds__(kUpdateBlock)
     sum_blocks(const Primitives p, const View view, const Workspace w) {
   const std::uint32_t i = blockIdx.x * kUpdateBlock + threadIdx.x;
   const bool own = w.counters->overflow == 0 && i < p.n && w.depth_keys[i] != kInvisible;
-  const uint2 range = own ? w.ranges[i] : make_uint2(0, 0);
-  const auto sums = sum_instances<kSums>(range, reinterpret_cast<const float4*>(w.partials));
   CameraGrad grad{};
-  if (own) grad = camera_gradient_of(p, i, view, load_splat(w.splats, i), sums);
+  if (own) grad = camera_gradient_of(p, i, view, load_splat(w.splats, i), load_sums(w, i));
   const float values[kCameraValues] = {grad.rotation.x,    grad.rotation.y,    grad.rotation.z,
                                        grad.translation.x, grad.translation.y, grad.translation.z,
                                        grad.log_focal,     grad.distortion,    grad.time};

@@ -53,17 +53,15 @@ Status too_little_memory(const TrainPlan& plan, std::size_t need, std::size_t fr
           : fmt::format(", a smaller perceptual_patch (which takes {})", text(perceptual)));
 }
 
-// Returns kRuntime if a view exceeds the limit of tile instances.
-Status check_instances(std::size_t instances) {
+}  // namespace
+
+Status CudaBackend::check_instances(std::size_t instances) {
   if (instances <= kMaxInstances) return {};
   return runtime_error(
       "a view has too many tile instances ({}, at most {} supported): the primitives have grown "
-      "out of "
-      "bounds",
+      "out of bounds",
       instances, kMaxInstances);
 }
-
-}  // namespace
 
 CudaBackend::~CudaBackend() {
   // If another rank has failed, the GPU would wait for it forever.
@@ -340,50 +338,6 @@ Status CudaBackend::limit_scales(std::span<const math::PinholeCamera> cameras, f
 Status CudaBackend::synchronise() {
   STGS_TRY(collect(true));
   return device_.download(*state_, stream_);
-}
-
-Status CudaBackend::accumulate_importance(const ImportanceView& view, unsigned long long* sums) {
-  StepInput input;
-  input.camera = view.camera;
-  input.ticks = view.ticks;
-  input.kernel = view.kernel;
-  for (;;) {
-    STGS_ASSIGN(const std::size_t capacity, reserve_step(input));
-    STGS_ASSIGN(const Counters counters,
-                pipeline_.accumulate_importance(device_, input, capacity, sums, stream_));
-    STGS_TRY(check_instances(counters.instances));
-    recent_instances_ = std::max<std::size_t>(recent_instances_, counters.instances);
-    if (counters.overflow == 0) return {};
-  }
-}
-
-Result<std::optional<std::vector<float>>> CudaBackend::importance(
-    std::span<const ImportanceView> views, const std::function<bool(double)>& should_continue) {
-  using Importance = std::optional<std::vector<float>>;
-  STGS_TRY(collect(true));
-  const std::size_t n = size();
-  DeviceArray<unsigned long long> sums;
-  if (!sums.ensure(n).ok()) {
-    STGS_TRY(image_cache_.release_memory());
-    STGS_TRY(sums.ensure(n));
-  }
-  STGS_TRY(cuda_status(cudaMemsetAsync(sums.data(), 0, n * sizeof(unsigned long long), stream_),
-                       "clearing the importances"));
-  for (std::size_t v = 0; v < views.size(); ++v) {
-    if (!should_continue(static_cast<double>(v) / static_cast<double>(views.size())))
-      return Importance();
-    STGS_TRY(accumulate_importance(views[v], sums.data()));
-  }
-  std::vector<unsigned long long> found(n);
-  STGS_TRY(cuda_status(cudaMemcpyAsync(found.data(), sums.data(), n * sizeof(found[0]),
-                                       cudaMemcpyDeviceToHost, stream_),
-                       "copying the importances"));
-  STGS_TRY(stream_.wait());
-  Importance out(n);
-  std::transform(found.begin(), found.end(), out->begin(), [](unsigned long long sum) {
-    return static_cast<float>(static_cast<double>(sum) / kImportanceOne);
-  });
-  return out;
 }
 
 }  // namespace cuda

@@ -55,7 +55,8 @@ class CudaBackend final : public TrainBackend {
   std::size_t retried_steps() const { return retried_steps_; }
 
  private:
-  static constexpr std::size_t kMaxInFlight = 32;  // steps
+  static constexpr std::size_t kMaxInFlight = 32;      // steps
+  static constexpr std::size_t kImportanceBatch = 16;  // views between waits for the GPU
   // The limit for several ranks. They read a step's record when so many are in flight, not when it
   // becomes available, so that all detect an overflow at the same step.
   static constexpr std::size_t kMaxSharedInFlight = 16;
@@ -66,6 +67,8 @@ class CudaBackend final : public TrainBackend {
 
   // Whether the memory reserved before suffices for a plan.
   bool has_reserved(const TrainPlan& plan) const;
+  // Returns kRuntime if a view exceeds the limit of tile instances.
+  static Status check_instances(std::size_t instances);
   Status enqueue(const StepInput& input);
   // Reserves memory for a step and returns its capacity in tile instances. Evicts cached images if
   // memory is short.
@@ -85,8 +88,10 @@ class CudaBackend final : public TrainBackend {
   // The oldest pending step overflowed with `instances`: increases the capacity and repeats all
   // pending steps.
   Status retry(std::size_t instances);
-  // Adds the importances of a view to `sums`; retries until the capacity suffices.
-  Status accumulate_importance(const ImportanceView& view, unsigned long long* sums);
+  // Adds the importances of views, at most kImportanceBatch, to `sums`. Returns how many it added,
+  // from the first on: fewer if the capacity did not suffice, which is then increased.
+  Result<std::size_t> add_importances(std::span<const ImportanceView> views,
+                                      unsigned long long* sums);
   // Returns the capacity to reserve for a step, tile instances.
   std::size_t instance_capacity() const;
 
@@ -102,7 +107,8 @@ class CudaBackend final : public TrainBackend {
   DeviceArray<math::PinholeCamera> cameras_;  // of limit_scales()
   PinnedArray<StepRecord> records_;           // for each slot, one per rank
   std::array<Event, kMaxInFlight> done_;
-  std::deque<PendingStep> pending_;  // oldest first
+  PinnedArray<Counters> view_counters_;  // of importances
+  std::deque<PendingStep> pending_;      // oldest first
   std::size_t next_slot_ = 0;
   std::size_t dropped_steps_ = 0;    // pending steps that an error prevented from being retried
   std::vector<StepOutput> outputs_;  // since the last read()

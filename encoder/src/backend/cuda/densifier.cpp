@@ -48,12 +48,12 @@ Result<DensifyTotals> Densifier::read_totals(cudaStream_t stream) {
   return *host_totals_.data();
 }
 
-// Compacts the state to the `survivors` primitives flagged in w.tile_counts.
+// Compacts the state to the `survivors` primitives flagged in w.flags.
 Status Densifier::compact(DeviceState& state, std::size_t survivors, const Workspace& w,
                           cudaStream_t stream) {
   const std::uint32_t n = state.primitives().n;
-  exclusive_sum(w, w.tile_counts, w.tile_offsets, n, stream);
-  launch_list(n, w.tile_counts, 1, w.tile_offsets, w.order, stream);
+  exclusive_sum(w, w.flags, w.offsets, n, stream);
+  launch_list(n, w.flags, 1, w.offsets, w.order, stream);
   // Every array fits in the partial sums of the tile instances, which are unused between steps.
   auto* compacted = reinterpret_cast<std::uint32_t*>(w.partials);
   for (const DeviceState::Array& array : state.arrays()) {
@@ -82,8 +82,8 @@ Result<DensifyCounts> Densifier::grow(DeviceState& state, const HyperParameters&
   const DensifyRules rules = densify_rules(parameters, context);
   const std::size_t before = state.primitives().n;
   STGS_TRY(clear_totals(stream));
-  launch_mark_survivors(state.primitives(), rules, context.free_space, w.tile_counts,
-                        totals_.data(), stream);
+  launch_mark_survivors(state.primitives(), rules, context.free_space, w.flags, totals_.data(),
+                        stream);
   STGS_ASSIGN(DensifyTotals totals, read_totals(stream));
   DensifyCounts counts;
   counts.non_finite = totals.non_finite;
@@ -91,16 +91,16 @@ Result<DensifyCounts> Densifier::grow(DeviceState& state, const HyperParameters&
   if (counts.removed > 0) STGS_TRY(compact(state, totals.survivors, w, stream));
 
   launch_urgency(state.primitives(), rules, w.depth_keys, totals_.data(), stream);
-  sort_indices(w, w.depth_keys, w.depth_sorted, w.order, totals.survivors, kAllBits, stream);
+  sort_indices(w, w.depth_keys, w.keys_sorted, w.order, totals.survivors, kAllBits, stream);
   STGS_ASSIGN(totals, read_totals(stream));
   const std::size_t present = state.primitives().n;
   const std::size_t chosen = std::min<std::size_t>(
       totals.candidates, max_growth(parameters, context, present, state.primitives().fixed));
-  launch_choose(state.primitives(), rules, w.order, static_cast<std::uint32_t>(chosen),
-                w.tile_counts, w.depth_keys, totals_.data(), stream);
-  exclusive_sum(w, w.tile_counts, w.tile_offsets, present, stream);
-  exclusive_sum(w, w.depth_keys, w.depth_sorted, present, stream);
-  launch_grow(state.primitives(), rules, w.tile_counts, w.tile_offsets, w.depth_sorted,
+  launch_choose(state.primitives(), rules, w.order, static_cast<std::uint32_t>(chosen), w.flags,
+                w.depth_keys, totals_.data(), stream);
+  exclusive_sum(w, w.flags, w.offsets, present, stream);
+  exclusive_sum(w, w.depth_keys, w.keys_sorted, present, stream);
+  launch_grow(state.primitives(), rules, w.flags, w.offsets, w.keys_sorted,
               {context.seed, iteration}, stream);
   STGS_ASSIGN(totals, read_totals(stream));
   counts.split = totals.split;
@@ -118,19 +118,19 @@ Result<DensifyCounts> Densifier::replace(DeviceState& state, const HyperParamete
   if (p.n == 0) return counts;
   const DensifyRules rules = densify_rules(parameters, context);
   STGS_TRY(clear_totals(stream));
-  launch_mark_survivors(p, rules, context.free_space, w.tile_counts, totals_.data(), stream);
+  launch_mark_survivors(p, rules, context.free_space, w.flags, totals_.data(), stream);
   // E's 99th percentile counts as 1. Errors are not negative, so they sort like their bits.
   const auto* errors = reinterpret_cast<const std::uint32_t*>(p.error_max);
-  sort_indices(w, errors, w.depth_sorted, w.order, p.n, kAllBits, stream);
+  sort_indices(w, errors, w.keys_sorted, w.order, p.n, kAllBits, stream);
   const ScoreRules score{parameters.score_error, parameters.score_opacity,
                          parameters.score_lifespan};
-  launch_scores(p, score, context.modulated, w.tile_counts,
-                w.depth_sorted + unit_error_rank(p.n, p.fixed), w.depth_keys, stream);
-  sort_indices(w, w.depth_keys, w.depth_sorted, w.order, p.n, kAllBits, stream);
+  launch_scores(p, score, context.modulated, w.flags, w.keys_sorted + unit_error_rank(p.n, p.fixed),
+                w.depth_keys, stream);
+  sort_indices(w, w.depth_keys, w.keys_sorted, w.order, p.n, kAllBits, stream);
   auto* dead = reinterpret_cast<std::uint32_t*>(w.ranges);
-  launch_invert(p.n, w.tile_counts, stream);
-  exclusive_sum(w, w.tile_counts, w.tile_offsets, p.n, stream);
-  launch_list(p.n, w.tile_counts, 1, w.tile_offsets, dead, stream);
+  launch_invert(p.n, w.flags, stream);
+  exclusive_sum(w, w.flags, w.offsets, p.n, stream);
+  launch_list(p.n, w.flags, 1, w.offsets, dead, stream);
   STGS_ASSIGN(const DensifyTotals totals, read_totals(stream));
   counts.non_finite = totals.non_finite;
   counts.replaced =
@@ -149,10 +149,10 @@ Result<DensifyCounts> Densifier::relocate(DeviceState& state, const HyperParamet
   const Primitives& p = state.primitives();
   STGS_TRY(clear_totals(stream));
   const DensifyRules rules = densify_rules(parameters, context);
-  launch_mark_survivors(p, rules, context.free_space, w.tile_counts, totals_.data(), stream);
+  launch_mark_survivors(p, rules, context.free_space, w.flags, totals_.data(), stream);
   std::vector<std::uint32_t> survives(p.n), views(p.n), updates(p.n);
   std::vector<float> logits(p.n), gradients(p.n);
-  STGS_TRY(read_array(w.tile_counts, survives, stream));
+  STGS_TRY(read_array(w.flags, survives, stream));
   STGS_TRY(read_array(p.views, views, stream));
   STGS_TRY(read_array(p.updates, updates, stream));
   STGS_TRY(read_array(p.values[kOpacity], logits, stream));
@@ -166,15 +166,15 @@ Result<DensifyCounts> Densifier::relocate(DeviceState& state, const HyperParamet
                       Random(context.seed, iteration, RandomPurpose::kRelocation));
   counts.non_finite = totals.non_finite;
   counts.replaced = plan.to.size();
-  STGS_TRY(write_array(plan.sources, w.tile_counts, stream));
+  STGS_TRY(write_array(plan.sources, w.flags, stream));
   STGS_TRY(write_array(plan.logits, w.depth_keys, stream));
-  STGS_TRY(write_array(plan.log_shrinks, w.depth_sorted, stream));
+  STGS_TRY(write_array(plan.log_shrinks, w.keys_sorted, stream));
   STGS_TRY(write_array(plan.from, w.order, stream));
-  STGS_TRY(write_array(plan.to, w.tile_offsets, stream));
+  STGS_TRY(write_array(plan.to, w.offsets, stream));
   launch_relocate(
       p,
       {static_cast<std::uint32_t>(plan.sources.size()), static_cast<std::uint32_t>(plan.to.size()),
-       w.tile_counts, w.depth_keys, w.depth_sorted, w.order, w.tile_offsets},
+       w.flags, w.depth_keys, w.keys_sorted, w.order, w.offsets},
       {context.seed, iteration}, stream);
   STGS_TRY(cuda_status(cudaGetLastError(), "relocating primitives"));
   STGS_TRY(reset_statistics(p, stream));

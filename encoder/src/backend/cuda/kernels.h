@@ -25,11 +25,12 @@ inline constexpr int kSums = 12;      // floats per splat and tile that the back
 inline constexpr int kSegment = 128;  // entries of a tile's list per block of the backward blend
 inline constexpr int kLossX = 32;     // width and height of a block of the image loss, pixels
 inline constexpr int kLossY = 16;
-inline constexpr int kLossSums = 13;      // per block: L1, then the 12 gradients of the colour map
-inline constexpr int kPlaneSums = 4;      // floats per splat and tile: the gradient of its plane
-inline constexpr int kUpdateBlock = 128;  // primitives per block of the update
-inline constexpr int kLensBlocks = 64;    // of the sum of the vignetting's gradient
-inline constexpr int kCameraValues = 9;   // of a camera's gradient (math/camera_grad.h), in order
+inline constexpr int kLossSums = 13;       // per block: L1, then the 12 gradients of the colour map
+inline constexpr int kPlaneSums = 4;       // floats per splat and tile: the gradient of its plane
+inline constexpr int kUpdateBlock = 128;   // primitives per block of the update
+inline constexpr int kBinPrimitives = 64;  // primitives per block of the binning
+inline constexpr int kLensBlocks = 64;     // of the sum of the vignetting's gradient
+inline constexpr int kCameraValues = 9;    // of a camera's gradient (math/camera_grad.h), in order
 // Fixed-point value of a squared weight of 1. The sum over all pixels and views holds 2^34 of them.
 inline constexpr double kImportanceOne = 1 << 30;
 inline constexpr std::uint32_t kInvisible = 0xFFFFFFFFu;  // depth key of invisible primitives
@@ -123,27 +124,25 @@ struct StepRecord {
 };
 
 // The buffers of a step, for N primitives, W x H pixels, T tiles, up to I tile instances and B
-// blocks of the image loss. "By depth" means that entry r belongs to primitive order[r].
+// blocks of the image loss. Densification uses some of them between steps.
 struct Workspace {
   Counters* counters = nullptr;
-  const std::uint32_t* iota = nullptr;    // max(N, I): 0, 1, 2...
-  ScreenSplat* splats = nullptr;          // N; only those of visible primitives are set
-  std::uint32_t* depth_keys = nullptr;    // N, bits of the depth, or kInvisible
-  std::uint32_t* depth_sorted = nullptr;  // N
-  std::uint32_t* order = nullptr;  // N, primitives by depth, nearest first; ties: lower index first
-  std::uint32_t* tile_counts = nullptr;       // N, by depth
-  std::uint32_t* tile_masks = nullptr;        // N, by depth: tiles hit, if the box is small
-  std::uint32_t* tile_offsets = nullptr;      // N, by depth: first instance
+  const std::uint32_t* iota = nullptr;  // N: 0, 1, 2...
+  ScreenSplat* splats = nullptr;        // N; only those of visible primitives are set
+  std::uint32_t* depth_keys = nullptr;  // N, bits of the depth, or kInvisible
+  std::uint32_t *keys_sorted = nullptr, *order = nullptr, *flags = nullptr,
+                *offsets = nullptr;           // N, of densification
+  std::uint32_t* block_begin = nullptr;       // N / kBinPrimitives, first instance of a block
   uint2* ranges = nullptr;                    // N, its instances: first and count
-  std::uint32_t* owners = nullptr;            // I, primitive of an instance
-  std::uint32_t* instance_tiles = nullptr;    // I, tile of an instance; ~0 after the last
-  std::uint32_t* tiles_sorted = nullptr;      // I
+  std::uint32_t* tile_entries = nullptr;      // T, entries of its list so far; 0 between steps
+  unsigned long long* entry_keys = nullptr;   // I, by tile: depth, then primitive
   std::uint32_t* instances_sorted = nullptr;  // I, instances sorted by tile, then by depth
   std::uint32_t* list = nullptr;              // I, their primitives
   std::uint32_t* tile_begin = nullptr;        // T + 1, into list
   uint2* segments = nullptr;                  // segment_count(I, T): tile and index in it, or ~0
   float4* checkpoints = nullptr;              // 256 per segment: image in front of it
   float* partials = nullptr;                  // I x kSums, by instance
+  float4* sums = nullptr;                     // N x kSums / 4: the partials, summed
   float4* image = nullptr;                    // W x H: colour, transmittance
   std::uint32_t* last = nullptr;       // W x H: number of list entries up to the last rendered
   float* slopes = nullptr;             // 9 x W x H
@@ -163,6 +162,7 @@ struct Workspace {
   float4* surface_checkpoints = nullptr;  // like checkpoints
   float4* d_surface = nullptr;            // W x H, dL/dsurface
   float4* plane_partials = nullptr;       // I, by instance
+  float4* plane_sums = nullptr;           // N
   std::uint32_t* difference_range =
       nullptr;                   // 2: encoded range of the image differences, see normal_loss.cu
   float* normal_sums = nullptr;  // B
@@ -233,6 +233,10 @@ void launch_normal_loss(const View& view, const std::uint8_t* ground_truth, floa
 // Computes partials and plane_partials of every instance.
 void launch_blend_backward(const View& view, std::size_t bound, const Workspace& w,
                            cudaStream_t stream);
+// Sums the partials and plane_partials of each visible primitive; without View::gather_camera not
+// of fixed ones.
+void launch_sum_instances(const Primitives& p, const View& view, const Workspace& w,
+                          cudaStream_t stream);
 // Computes the gradient of the camera into camera_sums. Only if View::gather_camera.
 void launch_camera_gradient(const Primitives& p, const View& view, const Workspace& w,
                             cudaStream_t stream);

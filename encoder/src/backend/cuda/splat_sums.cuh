@@ -14,53 +14,22 @@ using math::Sym2;
 using math::Vec2;
 using math::Vec3;
 
-// Maximum instances of a splat that its thread sums alone; the warp shares more.
-inline constexpr std::uint32_t kMaxInstancesPerThread = 6;
-
-template <int kFloats>
-struct FloatSums {
-  float v[kFloats];
+// The sums of a splat over its instances (sum_instances.cu).
+struct Sums {
+  float v[kSums];
 };
-using Sums = FloatSums<kSums>;
 
-template <int kFloats>
-__device__ inline void add_instance(const float4* partials, std::uint32_t instance,
-                                    FloatSums<kFloats>& sums) {
-  constexpr int kVectors = kFloats / 4;
-  const float4* p = partials + std::size_t{kVectors} * instance;
+__device__ inline Sums load_sums(const Workspace& w, std::uint32_t i) {
+  Sums out;
 #pragma unroll
-  for (int q = 0; q < kVectors; ++q) {
-    const float4 x = __ldg(p + q);
-    sums.v[4 * q] += x.x;
-    sums.v[4 * q + 1] += x.y;
-    sums.v[4 * q + 2] += x.z;
-    sums.v[4 * q + 3] += x.w;
+  for (int q = 0; q < kSums / 4; ++q) {
+    const float4 x = w.sums[std::size_t{kSums / 4} * i + q];
+    out.v[4 * q] = x.x;
+    out.v[4 * q + 1] = x.y;
+    out.v[4 * q + 2] = x.z;
+    out.v[4 * q + 3] = x.w;
   }
-}
-
-// Returns each lane's sum over its instances, in an order that depends only on the instance counts.
-template <int kFloats>
-__device__ FloatSums<kFloats> sum_instances(uint2 range, const float4* partials) {
-  const int lane = threadIdx.x & 31;
-  FloatSums<kFloats> own{};
-  if (range.y <= kMaxInstancesPerThread) {
-    for (std::uint32_t k = 0; k < range.y; ++k) add_instance(partials, range.x + k, own);
-  }
-  unsigned large = __ballot_sync(kAllLanes, range.y > kMaxInstancesPerThread);
-  while (large != 0) {
-    const int owner = __ffs(large) - 1;
-    large &= large - 1;
-    const std::uint32_t begin = __shfl_sync(kAllLanes, range.x, owner);
-    const std::uint32_t count = __shfl_sync(kAllLanes, range.y, owner);
-    FloatSums<kFloats> part{};
-    for (std::uint32_t k = lane; k < count; k += 32) add_instance(partials, begin + k, part);
-#pragma unroll
-    for (int q = 0; q < kFloats; ++q) {
-      const float sum = warp_sum(part.v[q]);
-      if (lane == owner) own.v[q] = sum;
-    }
-  }
-  return own;
+  return out;
 }
 
 // Gradients of a splat, from the sums over its pixels.

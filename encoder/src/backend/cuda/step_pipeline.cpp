@@ -52,20 +52,19 @@ std::size_t tiles_of(int width, int height) {
 
 std::size_t StepPipeline::bytes(std::size_t primitives, int width, int height,
                                 std::size_t instances, bool planes) {
-  constexpr std::size_t kPrimitive = sizeof(ScreenSplat) + 6 * 4 + sizeof(uint2);
-  constexpr std::size_t kPixel = 2 * sizeof(float4) + 11 * 4 + 3;
-  constexpr std::size_t kInstance = 5 * 4 + kSums * 4;
-  const std::size_t pixels = std::size_t{1} * width * height;
   // The sort copies its input.
-  const std::size_t items = std::max(primitives, instances);
+  constexpr std::size_t kPrimitive = sizeof(ScreenSplat) + (7 + kSums) * 4 + 9 + sizeof(uint2);
+  constexpr std::size_t kPixel = 2 * sizeof(float4) + 11 * 4 + 3;
+  constexpr std::size_t kInstance = 2 * 4 + 8 + kSums * 4;
+  const std::size_t pixels = std::size_t{1} * width * height;
   const std::size_t segments = segment_count(instances, tiles_of(width, height) + 1);
   const std::size_t checkpoints = segments * kTile * kTile * sizeof(float4);
   const std::size_t with_planes =
-      checkpoints + (primitives + 2 * pixels + instances) * sizeof(float4);
+      checkpoints + (2 * primitives + 2 * pixels + instances) * sizeof(float4);
   const std::size_t block_sums =
       (primitives / kUpdateBlock + 2) * (sizeof(double) + kCameraValues * sizeof(float));
   return block_sums + checkpoints + segments * sizeof(uint2) + primitives * kPrimitive +
-         pixels * kPixel + instances * kInstance + items * (4 + 9) + (planes ? with_planes : 0);
+         pixels * kPixel + instances * kInstance + (planes ? with_planes : 0);
 }
 
 Status StepPipeline::create(cudaStream_t stream) {
@@ -81,71 +80,76 @@ Status StepPipeline::reserve(std::size_t primitives, int width, int height, std:
       tiles_of(width, height) >= tile_begin_.capacity() || instances > list_.capacity()) {
     STGS_TRY(cuda_status(cudaStreamSynchronize(stream), "waiting for the GPU"));
   }
-  STGS_TRY(reserve_primitives(primitives));
-  STGS_TRY(reserve_image(width, height));
+  STGS_TRY(reserve_primitives(primitives, stream));
+  STGS_TRY(reserve_image(width, height, stream));
   with_planes_ = with_planes_ || planes;
   // Grows by half, because the next steps may each need slightly more.
   const std::size_t target = instances > list_.capacity()
                                  ? std::min(instances + instances / 2, kMaxInstances)
                                  : list_.capacity();
-  if (reserve_lists(target, stream).ok()) return {};
+  if (reserve_lists(target).ok()) return {};
   STGS_TRY(release_lists(stream));
-  return reserve_lists(instances, stream);
+  return reserve_lists(instances);
 }
 
 // Reserves all buffers whose size depends on the number of tile instances.
-Status StepPipeline::reserve_lists(std::size_t instances, cudaStream_t stream) {
+Status StepPipeline::reserve_lists(std::size_t instances) {
   STGS_TRY(reserve_instances(instances));
   STGS_TRY(reserve_segments());
-  if (with_planes_) STGS_TRY(reserve_planes());
-  const std::size_t items = std::max(splats_.capacity(), list_.capacity());
-  if (items <= iota_.capacity()) return {};
-  STGS_TRY(sort_memory_.ensure(sort_memory_bytes(items)));
-  workspace_.sort_memory = sort_memory_.data();
-  workspace_.sort_bytes = sort_memory_.capacity();
-  STGS_TRY(iota_.ensure(items));
-  workspace_.iota = iota_.data();
-  launch_iota(iota_.data(), iota_.capacity(), stream);
-  return {};
+  return with_planes_ ? reserve_planes() : Status();
 }
 
 // Frees those buffers, so that the next reservation can be of the exact size.
 Status StepPipeline::release_lists(cudaStream_t stream) {
   STGS_TRY(cuda_status(cudaStreamSynchronize(stream), "waiting for the GPU"));
-  for (auto* array :
-       {&owners_, &instance_tiles_, &tiles_sorted_, &instances_sorted_, &list_, &iota_})
-    array->release();
+  entry_keys_.release();
+  instances_sorted_.release();
+  list_.release();
   partials_.release();
   segments_.release();
   checkpoints_.release();
   surface_checkpoints_.release();
   plane_partials_.release();
-  sort_memory_.release();
   return {};
 }
 
-Status StepPipeline::reserve_primitives(std::size_t n) {
+Status StepPipeline::reserve_primitives(std::size_t n, cudaStream_t stream) {
   STGS_TRY(splats_.ensure(n));
-  for (auto* array :
-       {&depth_keys_, &depth_sorted_, &order_, &tile_counts_, &tile_masks_, &tile_offsets_})
+  for (auto* array : {&depth_keys_, &keys_sorted_, &order_, &flags_, &offsets_})
     STGS_TRY(array->ensure(n));
+  STGS_TRY(block_begin_.ensure(n / kBinPrimitives + 1));
+  STGS_TRY(sums_.ensure(kSums / 4 * n));
+  STGS_TRY(reserve_sort(n, stream));
   STGS_TRY(ranges_.ensure(n));
   STGS_TRY(regulariser_sums_.ensure(n / kUpdateBlock + 1));
   STGS_TRY(camera_sums_.ensure(kCameraValues * (n / kUpdateBlock + 2)));
   workspace_.splats = splats_.data();
   workspace_.depth_keys = depth_keys_.data();
-  workspace_.depth_sorted = depth_sorted_.data();
+  workspace_.keys_sorted = keys_sorted_.data();
   workspace_.order = order_.data();
-  workspace_.tile_counts = tile_counts_.data();
-  workspace_.tile_masks = tile_masks_.data();
-  workspace_.tile_offsets = tile_offsets_.data();
+  workspace_.flags = flags_.data();
+  workspace_.offsets = offsets_.data();
+  workspace_.block_begin = block_begin_.data();
+  workspace_.sums = sums_.data();
   workspace_.ranges = ranges_.data();
   workspace_.regulariser_sums = regulariser_sums_.data();
   workspace_.camera_sums = camera_sums_.data();
   return {};
 }
 
-Status StepPipeline::reserve_image(int width, int height) {
+// Reserves what sorting and scanning n items take.
+Status StepPipeline::reserve_sort(std::size_t n, cudaStream_t stream) {
+  if (n <= iota_.capacity()) return {};
+  STGS_TRY(sort_memory_.ensure(sort_memory_bytes(n)));
+  workspace_.sort_memory = sort_memory_.data();
+  workspace_.sort_bytes = sort_memory_.capacity();
+  STGS_TRY(iota_.ensure(n));
+  workspace_.iota = iota_.data();
+  launch_iota(iota_.data(), iota_.capacity(), stream);
+  return {};
+}
+
+Status StepPipeline::reserve_image(int width, int height, cudaStream_t stream) {
   const std::size_t pixels = std::size_t{1} * width * height;
   const std::size_t blocks = loss_blocks(width, height);
   STGS_TRY(image_.ensure(pixels));
@@ -155,7 +159,14 @@ Status StepPipeline::reserve_image(int width, int height) {
   STGS_TRY(error_.ensure(pixels));
   STGS_TRY(without_lens_.ensure(3 * pixels));
   STGS_TRY(lens_sums_.ensure(1 + kLensBlocks));
-  STGS_TRY(tile_begin_.ensure(tiles_of(width, height) + 1));
+  const std::size_t tiles = tiles_of(width, height) + 1;
+  STGS_TRY(tile_begin_.ensure(tiles));
+  if (tiles > tile_entries_.capacity()) {
+    STGS_TRY(tile_entries_.ensure(tiles));
+    const std::size_t bytes = tile_entries_.capacity() * sizeof(std::uint32_t);
+    STGS_TRY(
+        cuda_status(cudaMemsetAsync(tile_entries_.data(), 0, bytes, stream), "clearing the tiles"));
+  }
   STGS_TRY(ssim_sums_.ensure(blocks));
   STGS_TRY(loss_sums_.ensure(kLossSums * blocks));
   workspace_.image = image_.data();
@@ -166,6 +177,7 @@ Status StepPipeline::reserve_image(int width, int height) {
   workspace_.without_lens = without_lens_.data();
   workspace_.lens_sums = lens_sums_.data();
   workspace_.tile_begin = tile_begin_.data();
+  workspace_.tile_entries = tile_entries_.data();
   workspace_.ssim_sums = ssim_sums_.data();
   workspace_.loss_sums = loss_sums_.data();
   return {};
@@ -173,11 +185,10 @@ Status StepPipeline::reserve_image(int width, int height) {
 
 Status StepPipeline::reserve_instances(std::size_t n) {
   STGS_TRY(partials_.ensure(kSums * n));
-  for (auto* array : {&owners_, &instance_tiles_, &tiles_sorted_, &instances_sorted_, &list_})
-    STGS_TRY(array->ensure(n));
-  workspace_.owners = owners_.data();
-  workspace_.instance_tiles = instance_tiles_.data();
-  workspace_.tiles_sorted = tiles_sorted_.data();
+  STGS_TRY(entry_keys_.ensure(n));
+  STGS_TRY(instances_sorted_.ensure(n));
+  STGS_TRY(list_.ensure(n));
+  workspace_.entry_keys = entry_keys_.data();
   workspace_.instances_sorted = instances_sorted_.data();
   workspace_.list = list_.data();
   workspace_.partials = partials_.data();
@@ -200,6 +211,7 @@ Status StepPipeline::reserve_planes() {
   STGS_TRY(d_surface_.ensure(image_.capacity()));
   STGS_TRY(surface_checkpoints_.ensure(checkpoints_.capacity()));
   STGS_TRY(plane_partials_.ensure(list_.capacity()));
+  STGS_TRY(plane_sums_.ensure(splats_.capacity()));
   STGS_TRY(difference_range_.ensure(2));
   STGS_TRY(normal_sums_.ensure(ssim_sums_.capacity()));
   workspace_.planes = planes_.data();
@@ -207,6 +219,7 @@ Status StepPipeline::reserve_planes() {
   workspace_.d_surface = d_surface_.data();
   workspace_.surface_checkpoints = surface_checkpoints_.data();
   workspace_.plane_partials = plane_partials_.data();
+  workspace_.plane_sums = plane_sums_.data();
   workspace_.difference_range = difference_range_.data();
   workspace_.normal_sums = normal_sums_.data();
   return {};
@@ -313,6 +326,8 @@ Status StepPipeline::enqueue(const DeviceState& state, const StepInput& input,
   }
   launch_blend_backward(view, instances, w, stream);
   stage("blend_backward");
+  launch_sum_instances(primitives, view, w, stream);
+  stage("sum_instances");
   if (view.gather_camera) {
     launch_vignetting_gradient(view, w, stream);
     launch_camera_gradient(primitives, view, w, stream);
@@ -328,23 +343,21 @@ Status StepPipeline::enqueue(const DeviceState& state, const StepInput& input,
   return cuda_status(cudaGetLastError(), "starting a step");
 }
 
-Result<Counters> StepPipeline::accumulate_importance(const DeviceState& state,
-                                                     const StepInput& input, std::size_t instances,
-                                                     unsigned long long* sums,
-                                                     cudaStream_t stream) {
+Status StepPipeline::enqueue_importance(const DeviceState& state, const StepInput& input,
+                                        std::size_t instances, unsigned long long* sums,
+                                        Counters* counters, cudaStream_t stream) {
   const Primitives& primitives = state.primitives();
   const View view = view_of(input, primitives.sh_coefficients);
   launch_slice(primitives, view, workspace_, stream);
   launch_bin(primitives.n, view, instances, workspace_, stream);
   launch_importance(view, sums, workspace_, stream);
   STGS_TRY(cuda_status(cudaGetLastError(), "computing the importances"));
-  Counters counters{};
-  STGS_TRY(cuda_status(cudaMemcpyAsync(&counters, counters_.data(), sizeof(Counters),
-                                       cudaMemcpyDeviceToHost, stream),
-                       "copying the counters"));
-  STGS_TRY(cuda_status(cudaStreamSynchronize(stream), "computing the importances"));
-  STGS_TRY(clear_overflow(stream));
-  return counters;
+  STGS_TRY(cuda_status(
+      cudaMemcpyAsync(counters, counters_.data(), sizeof(Counters), cudaMemcpyDeviceToHost, stream),
+      "copying the counters"));
+  // All but the overflow, which comes last.
+  return cuda_status(cudaMemsetAsync(counters_.data(), 0, offsetof(Counters, overflow), stream),
+                     "clearing the counters");
 }
 
 }  // namespace stgs::encoder::cuda

@@ -35,18 +35,17 @@ class StepPipeline {
   // `record`: device address of mapped host memory, one record per rank.
   Status enqueue(const DeviceState& state, const StepInput& input, const std::uint8_t* ground_truth,
                  std::size_t instances, StepRecord* record, cudaStream_t stream);
-  // Adds the importances at the camera and time of `input` to `sums`, one per primitive, in units
-  // of 1 / kImportanceOne. Blocks until done. If the capacity is too small, adds nothing and
-  // returns counters with the overflow set.
-  Result<Counters> accumulate_importance(const DeviceState& state, const StepInput& input,
-                                         std::size_t instances, unsigned long long* sums,
-                                         cudaStream_t stream);
+  // Enqueues adding the importances at the camera and time of `input` to `sums`, one per primitive,
+  // in units of 1 / kImportanceOne, then copying the counters to `counters`, of page-locked memory.
+  // If the capacity is too small for it or an earlier view, adds nothing and sets the overflow.
+  Status enqueue_importance(const DeviceState& state, const StepInput& input, std::size_t instances,
+                            unsigned long long* sums, Counters* counters, cudaStream_t stream);
   // Sets the network for steps with a perceptual loss, which must have reserved their patch size;
   // null: none.
   void set_perceptual(std::unique_ptr<PerceptualNetwork> network);
   // Sets the ranks' exchange (not owned) for steps with a batch. `primitives`: the maximum.
   Status set_ranks(const Ranks& ranks, RankExchange* exchange, std::size_t primitives);
-  // Re-enables steps after an overflow.
+  // Re-enables steps and importances after an overflow.
   Status clear_overflow(cudaStream_t stream);
 
   // Sets a function called after each stage.
@@ -55,10 +54,11 @@ class StepPipeline {
   const Workspace& workspace() const { return workspace_; }
 
  private:
-  Status reserve_lists(std::size_t instances, cudaStream_t stream);
+  Status reserve_lists(std::size_t instances);
   Status release_lists(cudaStream_t stream);
-  Status reserve_primitives(std::size_t n);
-  Status reserve_image(int width, int height);
+  Status reserve_primitives(std::size_t n, cudaStream_t stream);
+  Status reserve_sort(std::size_t n, cudaStream_t stream);
+  Status reserve_image(int width, int height, cudaStream_t stream);
   Status reserve_instances(std::size_t n);
   Status reserve_segments();
   Status reserve_planes();
@@ -82,20 +82,21 @@ class StepPipeline {
   DeviceArray<Counters> counters_;
   DeviceArray<std::uint32_t> iota_;
   DeviceArray<ScreenSplat> splats_;
-  DeviceArray<std::uint32_t> depth_keys_, depth_sorted_, order_, tile_counts_, tile_masks_,
-      tile_offsets_;
+  DeviceArray<std::uint32_t> depth_keys_, keys_sorted_, order_, flags_, offsets_, block_begin_;
   DeviceArray<uint2> ranges_;
-  DeviceArray<std::uint32_t> owners_, instance_tiles_, tiles_sorted_, instances_sorted_, list_;
-  DeviceArray<std::uint32_t> tile_begin_, last_;
+  DeviceArray<unsigned long long> entry_keys_;
+  DeviceArray<std::uint32_t> instances_sorted_, list_;
+  DeviceArray<std::uint32_t> tile_begin_, tile_entries_, last_;
   DeviceArray<float> partials_, slopes_, error_, ssim_sums_, loss_sums_;
   DeviceArray<uint2> segments_;
-  DeviceArray<float4> image_, d_image_, checkpoints_;
+  DeviceArray<float4> image_, d_image_, checkpoints_, sums_;
   DeviceArray<double> regulariser_sums_;
   DeviceArray<float> camera_sums_, lens_sums_;
   DeviceArray<std::uint8_t> without_lens_;
   DeviceArray<std::uint8_t> sort_memory_;
   bool with_planes_ = false;
-  DeviceArray<float4> planes_, surface_, surface_checkpoints_, d_surface_, plane_partials_;
+  DeviceArray<float4> planes_, surface_, surface_checkpoints_, d_surface_, plane_partials_,
+      plane_sums_;
   DeviceArray<std::uint32_t> difference_range_;
   DeviceArray<float> normal_sums_;
 };

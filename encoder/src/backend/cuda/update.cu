@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Updates each visible primitive, one thread each: sums over its instances, gradients of its
-// parameters (math/grad.h), regularisers, densification statistics, Adam. The SH coefficients, most
-// of the numbers, are updated by the complete warp for coalesced access.
+// Updates each visible primitive, one thread each: gradients of its parameters (math/grad.h),
+// regularisers, densification statistics, Adam. The SH coefficients, most of the numbers, are
+// updated by the complete warp for coalesced access.
 #include "backend/cuda/coupled.cuh"
 #include "backend/cuda/rank_blocks.h"
 #include "backend/cuda/splat_sums.cuh"
@@ -209,13 +209,12 @@ __global__ void __launch_bounds__(kUpdateBlock, kCoupled ? 4 : 6)
       primitive.values = load_values(p, i);
       primitive.splat = load_splat(w.splats, i);
     }
-    const uint2 range = own ? w.ranges[i] : make_uint2(0, 0);
-    primitive.sums = sum_instances<kSums>(range, reinterpret_cast<const float4*>(w.partials));
-    if constexpr (kPlanes) {
-      const FloatSums<kPlaneSums> sum = sum_instances<kPlaneSums>(range, w.plane_partials);
-      primitive.by_plane = {{sum.v[0], sum.v[1], sum.v[2]}, sum.v[3]};
-    }
     if (own) {
+      primitive.sums = load_sums(w, i);
+      if constexpr (kPlanes) {
+        const float4 sum = w.plane_sums[i];
+        primitive.by_plane = {{sum.x, sum.y, sum.z}, sum.w};
+      }
       const PrimitiveTerms terms = primitive_gradients<kPlanes, kCoupled>(
           p, i, primitive, view, settings, inverse_count, stage);
       regularisers = terms.regularisers;
