@@ -12,6 +12,7 @@ import unittest
 
 import harness
 from harness import CliTest, built_in
+from rtsp_server import Media, RtspServer
 
 USAGE, IO, INVALID, RUNTIME = 1, 2, 3, 4
 CAMERAS, STREAMS, FRAMES = 4, 8, 20
@@ -147,24 +148,18 @@ class Live(CliTest):
         self.assertGreaterEqual(report["images"]["received"], 3 * CAMERAS * FRAMES)
         self.assertGreaterEqual(self.json_of("info", "out.stgs")["frames"], 8)
 
-    def test_network_streams_until_ctrl_c(self):
-        ports = []
-        for _ in self.streams:  # free ones
-            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-                probe.bind(("127.0.0.1", 0))
-                ports.append(probe.getsockname()[1])
-        self.rig([f"udp://127.0.0.1:{port}" for port in ports])
+    def record_until_ctrl_c(self, cameras, started=lambda: None, is_complete=lambda: True):
+        """Runs `live` until its recording, which can be read while it grows, has eight frames and `is_complete`
+        returns true. Returns what it logs."""
         args = [harness.STGS, "live", "rig.json", "-o", "out.stgs", "--format", "json", *quick()]
         with open(self.path("stderr.txt"), "wb") as error:
             process = subprocess.Popen(args, cwd=self.work, stdout=subprocess.PIPE, stderr=error)
         self.addCleanup(process.stdout.close)
         self.addCleanup(process.wait)
         self.addCleanup(process.kill)
-        self.senders(self.streams, 30, lambda i: f"udp://127.0.0.1:{ports[i]}?pkt_size=1316", "-r", "10", "-c:v",
-                     "mpeg2video", "-g", "1")
-        # The recording can be read while it grows.
+        started()
         deadline, frames = time.monotonic() + 60, 0
-        while frames < 8 and time.monotonic() < deadline:
+        while (frames < 8 or not is_complete()) and time.monotonic() < deadline:
             time.sleep(0.2)
             info = self.stgs("info", "out.stgs", "--format", "json")
             if info.returncode == 0:
@@ -172,10 +167,36 @@ class Live(CliTest):
         self.assertGreaterEqual(frames, 8, self.read("stderr.txt"))
         process.send_signal(signal.SIGINT)
         output, _ = process.communicate(timeout=60)
-        self.assertEqual(process.returncode, 0, self.read("stderr.txt"))
+        log = self.read("stderr.txt").decode()
+        self.assertEqual(process.returncode, 0, log)
         report = json.loads(output)
-        self.assertEqual(report["cameras"], STREAMS)
+        self.assertEqual(report["cameras"], cameras)
         self.assertEqual(self.json_of("info", "out.stgs")["frames"], report["frames"])
+        return log
+
+    def test_network_streams_until_ctrl_c(self):
+        ports = []
+        for _ in self.streams:  # free ones
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+                probe.bind(("127.0.0.1", 0))
+                ports.append(probe.getsockname()[1])
+        self.rig([f"udp://127.0.0.1:{port}" for port in ports])
+        self.record_until_ctrl_c(STREAMS, lambda: self.senders(
+            self.streams, 30, lambda i: f"udp://127.0.0.1:{ports[i]}?pkt_size=1316", "-r", "10", "-c:v",
+            "mpeg2video", "-g", "1"))
+
+    def test_rtsp_streams_of_which_one_breaks_off(self):
+        media = {}
+        for name in self.names:
+            media[name] = Media(os.path.join(harness.sample(), f"{name}.mp4"), 10, self.path(f"{name}.sdp"))
+            self.addCleanup(media[name].close)
+        broken = media[self.names[1]]
+        broken.cut_after = 40
+        with RtspServer(media) as server:
+            self.rig([server.url(name) for name in self.names])
+            log = self.record_until_ctrl_c(CAMERAS, is_complete=lambda: broken.plays == 2)
+        self.assertEqual([media[name].plays for name in self.names], [1, 2, 1, 1])
+        self.assertIn(f"camera '{self.names[1]}': stream lost", log)
 
     def test_mistakes(self):
         rig = self.rig(["missing.mp4"] * CAMERAS)
