@@ -24,6 +24,10 @@ constexpr std::uint64_t kMaxPixelsPerByte = std::uint64_t{1} << 20;
 // repeats more than once.
 constexpr std::uint64_t kRepeatedBytes = std::uint64_t{16} << 20;
 
+// Of the frames before the first that is read, up to this many are all decoded: this also finds
+// damage in them.
+constexpr int kMaxDecoded = 256;
+
 // Adds the sizes of the stored frames that are decoded. The table of a container may list one any
 // number of times, in 4 bytes each.
 class StoredFrames {
@@ -218,7 +222,14 @@ Result<cv::Mat> read_image(const CaptureFolder& files, const SourceCamera& camer
 Result<std::unique_ptr<VideoReader>> VideoReader::open(const CaptureFolder& files,
                                                        const SourceCamera& camera, int first) {
   STGS_ASSIGN(OpenVideo video, open_video(files, camera));
-  for (int frame = 0; frame < first; ++frame) {
+  bool skipped = false;
+  if (first > kMaxDecoded) {
+    STGS_ASSIGN(skipped, video.decoder->skip_to(first));
+    if (!skipped) {
+      STGS_ASSIGN(video, open_video(files, camera));
+    }
+  }
+  for (int frame = 0; frame < first && !skipped; ++frame) {
     STGS_ASSIGN(const bool has_frame, video.decoder->advance());
     if (!has_frame) return ends_at(camera, frame);
   }

@@ -37,7 +37,8 @@ Result<cv::Mat> read_image(const CaptureFolder& files, const SourceCamera& camer
 class VideoReader {
  public:
   // Opens the video of the camera, positioned before frame `first`. Decodes the preceding frames,
-  // because seeking is inexact. Keeps a reference to `camera`.
+  // or, if they are many, only those from a key frame on where this is certain to be exact. Keeps
+  // a reference to `camera`.
   static Result<std::unique_ptr<VideoReader>> open(const CaptureFolder& files,
                                                    const SourceCamera& camera, int first);
   virtual ~VideoReader() = default;

@@ -5,15 +5,17 @@
 #include <cmath>
 #include <limits>
 #include <utility>
+#include <vector>
 
+#include "decode_start.h"
 #include "frame_converter.h"
 #include "pipe_input.h"
 #include "stgs/encoder/image_file.h"
+#include "video_rotation.h"
 
 extern "C" {
 #include <libavcodec/avcodec.h>
 #include <libavformat/avformat.h>
-#include <libavutil/display.h>
 #include <libavutil/mem.h>
 }
 
@@ -47,34 +49,6 @@ using Codec = std::unique_ptr<AVCodecContext, Freed<AVCodecContext, avcodec_free
 using Packet = std::unique_ptr<AVPacket, Freed<AVPacket, av_packet_free>>;
 using Frame = std::unique_ptr<AVFrame, Freed<AVFrame, av_frame_free>>;
 
-// Returns the clockwise rotation that the file states, as a code of cv::rotate(); -1: none.
-int rotation_of(const AVStream& stream) {
-#if LIBAVCODEC_VERSION_INT >= AV_VERSION_INT(60, 31, 100)
-  const AVPacketSideData* const side =
-      av_packet_side_data_get(stream.codecpar->coded_side_data, stream.codecpar->nb_coded_side_data,
-                              AV_PKT_DATA_DISPLAYMATRIX);
-  const std::uint8_t* const data = side == nullptr ? nullptr : side->data;
-  const std::size_t bytes = side == nullptr ? 0 : side->size;
-#else
-  std::size_t bytes = 0;
-  const std::uint8_t* const data =
-      av_stream_get_side_data(&stream, AV_PKT_DATA_DISPLAYMATRIX, &bytes);
-#endif
-  if (data == nullptr || bytes < 9 * sizeof(std::int32_t)) return -1;
-  const double angle = av_display_rotation_get(reinterpret_cast<const std::int32_t*>(data));
-  if (!std::isfinite(angle)) return -1;
-  switch (static_cast<int>(std::lround(-angle / 90)) & 3) {  // FFmpeg's is counter-clockwise
-    case 1:
-      return cv::ROTATE_90_CLOCKWISE;
-    case 2:
-      return cv::ROTATE_180;
-    case 3:
-      return cv::ROTATE_90_COUNTERCLOCKWISE;
-    default:
-      return -1;
-  }
-}
-
 class FfmpegDecoder final : public VideoDecoder {
  public:
   FfmpegDecoder(const std::string& label, CheckStored check)
@@ -84,6 +58,7 @@ class FfmpegDecoder final : public VideoDecoder {
   Status open(const std::string& name, std::function<bool()> stopped = {});
   const VideoTrack& track() const override { return track_; }
   double seconds() const override;
+  Result<bool> skip_to(int first) override;
   Result<bool> advance() override;
   Result<cv::Mat> image() override;
 
@@ -92,6 +67,11 @@ class FfmpegDecoder final : public VideoDecoder {
   Status open_stream_format(const std::string& url);
   Status open_codec();
   void describe();
+  // Returns whether decoding can start with a key frame, and a stored frame is one frame.
+  bool has_independent_frames() const;
+  // Reads the next stored frame into packet_. Returns false at the end.
+  Result<bool> read_stored();
+  Result<std::vector<StoredFrame>> list_stored(std::size_t frames);
   // Sends the next stored frame to the decoder; after the last, signals the end.
   Status send();
   // Checks packet_ and sends it to the decoder.
@@ -261,19 +241,83 @@ Status FfmpegDecoder::send_packet() {
   return error < 0 ? ffmpeg_error(error) : Status();
 }
 
-Status FfmpegDecoder::send() {
-  while (!ended_) {
+Result<bool> FfmpegDecoder::read_stored() {
+  while (true) {
+    av_packet_unref(packet_.get());
     const int error = av_read_frame(format_.get(), packet_.get());
     if (error == AVERROR(ENOMEM) || error == AVERROR(EIO)) return ffmpeg_error(error);
-    ended_ = error < 0;  // at the end, or where the file is truncated
-    if (ended_) break;
-    const bool is_video = packet_->stream_index == stream_->index && packet_->size > 0;
-    Status status = is_video ? send_packet() : Status();
-    av_packet_unref(packet_.get());
-    if (is_video) return status;
+    if (error < 0) return false;  // at the end, or where the file is truncated
+    if (packet_->stream_index == stream_->index && packet_->size > 0) return true;
+  }
+}
+
+Status FfmpegDecoder::send() {
+  if (!ended_) {
+    STGS_ASSIGN(const bool has_packet, read_stored());
+    if (has_packet) {
+      Status status = send_packet();
+      av_packet_unref(packet_.get());
+      return status;
+    }
+    ended_ = true;
   }
   const int error = avcodec_send_packet(codec_.get(), nullptr);
   return error < 0 && error != AVERROR_EOF ? ffmpeg_error(error) : Status();
+}
+
+bool FfmpegDecoder::has_independent_frames() const {
+  const AVCodecParameters& track = *stream_->codecpar;
+  const AVCodecDescriptor* const codec = avcodec_descriptor_get(track.codec_id);
+  const bool intra_only = codec != nullptr && (codec->props & AV_CODEC_PROP_INTRA_ONLY) != 0;
+  const bool progressive =
+      track.field_order == AV_FIELD_PROGRESSIVE || track.field_order == AV_FIELD_UNKNOWN;
+  return progressive &&
+         (intra_only || track.codec_id == AV_CODEC_ID_H264 || track.codec_id == AV_CODEC_ID_HEVC);
+}
+
+// Returns fewer frames at the end of the file, and none if a time is not stated or a frame is not
+// shown.
+Result<std::vector<StoredFrame>> FfmpegDecoder::list_stored(std::size_t frames) {
+  std::vector<StoredFrame> out;
+  while (out.size() < frames) {
+    STGS_ASSIGN(const bool has_packet, read_stored());
+    if (!has_packet) break;
+    STGS_TRY(check_({packet_->data, static_cast<std::size_t>(packet_->size)}));
+    if (packet_->pts == AV_NOPTS_VALUE || (packet_->flags & AV_PKT_FLAG_DISCARD) != 0)
+      return std::vector<StoredFrame>();
+    out.push_back({packet_->pts, (packet_->flags & AV_PKT_FLAG_KEY) != 0});
+  }
+  return out;
+}
+
+Result<bool> FfmpegDecoder::skip_to(int first) {
+  const auto count = static_cast<std::size_t>(first);
+  if (!has_independent_frames()) return false;
+  STGS_ASSIGN(std::vector<StoredFrame> stored, list_stored(count + kMaxReordered));
+  const std::size_t start = stored.size() > count ? decode_start(stored, count - 1) : 0;
+  if (start == 0) return false;
+  const std::int64_t start_time = stored[start].time;
+  if (av_seek_frame(format_.get(), stream_->index, start_time, AVSEEK_FLAG_BACKWARD) < 0)
+    return false;
+  do {  // seeking may lead to an earlier frame
+    STGS_ASSIGN(const bool has_packet, read_stored());
+    if (!has_packet || packet_->pts > start_time) return false;
+  } while (packet_->pts != start_time);
+  STGS_TRY(send_packet());
+  frame_ = static_cast<int>(start) - 1;
+  while (frame_ + 1 < first) {
+    const Result<bool> advanced = advance();
+    if (!advanced.ok() || !*advanced) return false;
+    // Decoding does not start at once if the frame refreshes only a part of the image.
+    const bool is_start = frame_ == static_cast<int>(start);
+    if (is_start &&
+        (decoded_->best_effort_timestamp != start_time || decoded_->pict_type != AV_PICTURE_TYPE_I))
+      return false;
+  }
+  const auto last = stored.begin() + (first - 1);
+  std::nth_element(stored.begin(), last, stored.end(),
+                   [](const auto& a, const auto& b) { return a.time < b.time; });
+  return decoded_->best_effort_timestamp == last->time;
 }
 
 Status FfmpegDecoder::check_size() const {
@@ -300,7 +344,7 @@ Result<bool> FfmpegDecoder::advance() {
   }
   ++frame_;
   damaged_ = 0;
-  if (frame_ == 0) {
+  if (width_ == 0) {
     width_ = decoded_->width;
     height_ = decoded_->height;
     STGS_TRY(check_image_size(width_, height_, label_));
