@@ -51,6 +51,17 @@ class LongCapture(unittest.TestCase):
         self.assertEqual(len(rows), 1 + FRAMES // WINDOW)
         self.assertEqual(sorted(os.listdir(self.folder / "killed")), ["capture", "images", "long.stgs"])
 
+    def test_the_capture_plays_live(self):
+        programs, capture = pathlib.Path(sys.argv[1], "bin"), self.folder / "capture"
+        subprocess.run([programs / "make_room_capture", capture, "--frames", "20", "--cameras", "3", "--size", "64x36"],
+                       check=True)
+        run = subprocess.run([programs / "stgs", "live", capture, "-o", self.folder / "live.stgs", "--latency", "0.1",
+                              "--max-primitives", "800", "--backend", "cpu", "--format", "json"],
+                             capture_output=True, text=True, check=False, timeout=100)
+        self.assertEqual(run.returncode, 0, run.stderr)
+        report = json.loads(run.stdout)
+        self.assertEqual((report["cameras"], report["frames"]), (3, 20))  # without the test camera
+
     def test_a_failing_encoder_is_reported(self):
         run = subprocess.run([sys.executable, HERE / "long_capture.py", "--build", sys.argv[1], "--frames", "16",
                               "--size", "96x54", "--", "--preset", "unknown"], capture_output=True, text=True,
