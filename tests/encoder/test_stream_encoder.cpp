@@ -3,6 +3,7 @@
 #include "stgs/encoder/stream_encoder.h"
 
 #include <filesystem>
+#include <iterator>
 
 #include "catch.h"
 #include "fixtures/played_psnr.h"
@@ -46,6 +47,10 @@ StreamWindow encode_next(StreamEncoder& encoder, const PreparedCapture& complete
   return *encoded;
 }
 
+auto count_files(const std::string& folder) {
+  return std::distance(std::filesystem::directory_iterator(folder), {});
+}
+
 std::string new_folder(const SyntheticCapture& synthetic, const std::string& name) {
   const std::string folder = synthetic.capture.folder + "/" + name;
   std::filesystem::create_directory(folder);
@@ -64,7 +69,10 @@ TEST_CASE("windows share static content, and an interrupted encoding resumes to 
   {
     const auto encoder = open(once, settings_of());
     CHECK(encoder->finish(output).code() == StatusCode::kUsage);
-    while (encoder->frames() < kFrames) windows.push_back(encode_next(*encoder, complete));
+    while (encoder->frames() < kFrames) {
+      windows.push_back(encode_next(*encoder, complete));
+      CHECK(count_files(once) == 4);  // identity, bounds, persistent set and recording
+    }
     REQUIRE(encoder->finish(output).ok());
   }
   REQUIRE(windows.size() == 3);
@@ -89,12 +97,16 @@ TEST_CASE("windows share static content, and an interrupted encoding resumes to 
   for (int k = 0; k < 3; ++k) {
     (void)open(twice, settings_of());
     encode_next(*open(twice, settings_of()), complete);
+    // A killed process can leave another set.
+    std::filesystem::copy(fmt::format("{}/persistent-{:06}.set", twice, (k + 1) * kWindow),
+                          twice + "/persistent-000001.set");
   }
   CHECK(StreamEncoder::open(twice, settings_of("another")).status().code() == StatusCode::kUsage);
   StreamSettings other = settings_of();
   other.train.seed = 5;
   CHECK(StreamEncoder::open(twice, other).status().code() == StatusCode::kUsage);
   REQUIRE(open(twice, settings_of())->finish(again).ok());
+  CHECK(count_files(twice) == 4);
   const auto bytes = [](const std::string& path) {
     const auto file = open_file(path);
     REQUIRE(file.ok());

@@ -79,13 +79,14 @@ Status check_settings(const StreamSettings& settings, const TrainingChoice& choi
   return {};
 }
 
-// Returns whether the folder has a persistent set.
-bool has_set(const std::string& folder) {
+// Returns the persistent sets in a folder.
+std::vector<fs::path> list_sets(const std::string& folder) {
   std::error_code ignored;
+  std::vector<fs::path> sets;
   for (const auto& entry : fs::directory_iterator(folder, ignored)) {
-    if (entry.path().extension() == ".set") return true;
+    if (entry.path().extension() == ".set") sets.push_back(entry.path());
   }
-  return false;
+  return sets;
 }
 
 }  // namespace
@@ -127,7 +128,7 @@ Result<std::unique_ptr<StreamEncoder>> StreamEncoder::open(const std::string& fo
         folder);
   }
   // A set is written before the first fragment, so without one there is none.
-  if (!has_set(folder)) {
+  if (list_sets(folder).empty()) {
     fs::remove(encoder->recording_path(), ignored);
     return encoder;
   }
@@ -146,6 +147,11 @@ Status StreamEncoder::resume() {
   STGS_ASSIGN(set_, PersistentSet::read(set_path(frames())));
   STGS_ASSIGN(const PreparedCapture first, read_prepared_capture(folder_));
   take_bounds(first);
+  // A killed process can leave the set of the window before or after.
+  std::error_code ignored;
+  for (const fs::path& path : list_sets(folder_)) {
+    if (path != set_path(frames())) fs::remove(path, ignored);
+  }
   return {};
 }
 
