@@ -40,8 +40,8 @@ def resources(pid):
 class Encoder:
     """A process of `stgs encode`. Records the time and the resources at the end of each window."""
 
-    def __init__(self, command):
-        self.begin = time.monotonic()
+    def __init__(self, command, resumes_at):
+        self.begin, self.resumes_at = time.monotonic(), resumes_at  # frame
         self.windows, self.last_lines, self.peak = [], [], 0
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         self.reader = threading.Thread(target=self._read_log)
@@ -76,19 +76,22 @@ class Encoder:
 
 
 class Kills:
-    """When to kill: a random part of a window's duration after a random frame is encoded, or after a resumed
-    process has started."""
+    """When to kill: a random part of a window's duration after a random frame is encoded, or after the start of a
+    process that resumes behind it."""
 
     def __init__(self, count, last_frame, seed):
         numbers = random.Random(seed)
         frames = sorted(numbers.randint(0, last_frame) for _ in range(count))
         self.plan = [(frame, numbers.random()) for frame in frames]
 
-    def due(self, encoder, encoded, window_seconds):
-        if not self.plan or self.plan[0][0] > encoded:
+    def due(self, encoder, window_seconds):
+        if not self.plan:
             return False
-        since = encoder.windows[-1]["time"] if encoder.windows else encoder.begin
-        return time.monotonic() - since >= self.plan[0][1] * window_seconds
+        frame, part = self.plan[0]
+        reached = [window["time"] for window in encoder.windows if window["end_frame"] >= frame]
+        if encoder.resumes_at >= frame:
+            reached = [encoder.begin]
+        return bool(reached) and time.monotonic() - reached[0] >= part * window_seconds
 
 
 class LongRun:
@@ -111,13 +114,13 @@ class LongRun:
                    "--log-level", "info", "--progress", "none", "--format", "json", *options.encode]
         kills, finished = Kills(options.kills, max(0, options.frames - 2 * options.window), options.seed), False
         while not finished:
-            encoder = Encoder(command)
+            encoder = Encoder(command, self.encoded)
             self.runs.append(encoder)
             killed = False
             while encoder.sample():
                 if encoder.windows:
                     self.encoded = max(self.encoded, encoder.windows[-1]["end_frame"])
-                killed = kills.due(encoder, self.encoded, self.window_seconds())
+                killed = kills.due(encoder, self.window_seconds())
                 if killed:
                     kills.plan.pop(0)
                     break
@@ -135,7 +138,8 @@ class LongRun:
         return [b["time"] - a["time"] for run in self.runs for a, b in zip(run.windows, run.windows[1:])]
 
     def window_seconds(self):
-        return statistics.median(self.durations() or [10])
+        """Returns the duration of recent windows."""
+        return statistics.median(self.durations()[-5:] or [10])
 
     def psnr(self):
         """Returns (frame, dB) of the test camera near the start, in the middle and near the end."""
@@ -154,8 +158,9 @@ class LongRun:
     def figures(self, report):
         windows = [window for run in self.runs for window in run.windows]
         durations = self.durations()
-        valid = subprocess.run([self.stgs, "validate", self.output], check=False, stdout=subprocess.DEVNULL,
-                               stderr=subprocess.DEVNULL).returncode == 0
+        # More memory than the default: without the limit on work, which is for files of strangers.
+        valid = subprocess.run([self.stgs, "validate", self.output, "--memory", "8G"], check=False,
+                               stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode == 0
         frames = self.json_of("info", self.output)["frames"]
         minutes = self.options.frames / self.options.fps / 60
         resumes = [run.windows[0]["time"] - run.begin for run in self.runs[1:] if run.windows]
