@@ -26,7 +26,7 @@ inline constexpr std::uint32_t kCritical = 1;  // record flag, spec 3.1
 // 128 bytes), so that a writer appends bytes.
 inline constexpr std::uint64_t kMaxPrimitivesPerByte = 1;
 inline constexpr std::uint32_t kCriticalHeaderFlags = 0xFFFF;  // spec 2.2
-inline constexpr std::uint32_t kGrowing = 1;                   // header flag, spec 2.1
+inline constexpr std::uint32_t kGrowing = 1, kHasEnds = 2;     // header flags, spec 2.1
 // Recommended size of a head and of a node, bytes (spec 2.3, 5.2).
 inline constexpr std::uint64_t kHeadTarget = 16384;
 // The greatest number of links that follow each other (spec 5.2).

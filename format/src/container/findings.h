@@ -62,6 +62,7 @@ enum class IssueNumber : int {
   kLink = 316,                // invalid link of a node, or too many that follow each other
   kPage = 317,                // a link leads to no PAGE record of its length
   kPlace = 318,               // two segments of one place, or with overlapping records
+  kEnds = 319,                // malformed ends, or ends of primitives that do not exist
   kSegmentMismatch = 400,     // record differs from its index entry
   kStreamTable = 401,         // sizes do not add up
   kStreamMissing = 402,       // attribute missing, duplicate or out of order

@@ -153,7 +153,7 @@ bool check_version(const FileHeader& header, Findings& findings) {
               : "use a later version of this program");
     return false;
   }
-  if ((header.flags & kCriticalHeaderFlags & ~kGrowing) == 0) return true;
+  if ((header.flags & kCriticalHeaderFlags & ~(kGrowing | kHasEnds)) == 0) return true;
   findings.unsupported(N::kHeaderFlags, 12, "file header has unknown critical flags {:#x}",
                        header.flags & kCriticalHeaderFlags);
   return false;

@@ -19,8 +19,9 @@ namespace stgs {
 enum class Content : std::uint8_t {
   kPrimitives = 0,  // all attributes; SH above degree 0 may be in a record of their own
   kSh = 1,          // the SH above degree 0
+  kEnds = 3,        // ends of primitives of earlier records (container/ends.h)
 };
-inline constexpr int kMaxKnownContent = 1;
+inline constexpr int kMaxTierContent = 1;         // contents above it are further records
 inline constexpr int kFirstPrivateContent = 192;  // spec 3.5
 inline constexpr int kMaxTiers = 256;
 constexpr std::uint16_t layer_of(Content content, int tier) {

@@ -240,7 +240,7 @@ class NodeReader {
     return (shape & kHasFurther) == 0 || take_further(base, run.count - 1, node.further, at);
   }
 
-  // Reads the entries of records of unknown content, which this version ignores (spec 5.5).
+  // Reads the entries of further records (spec 5.7).
   // `number`: of the segment.
   bool take_further(IndexEntry entry, std::uint32_t number, std::vector<FurtherEntry>& further,
                     std::uint64_t at) {
@@ -249,7 +249,7 @@ class NodeReader {
       findings_.error(N::kIndexLayout, at, "index: a segment states 0 further records");
       return false;
     }
-    std::uint64_t last = layer_of(static_cast<Content>(kMaxKnownContent), kMaxTiers - 1);
+    std::uint64_t last = layer_of(static_cast<Content>(kMaxTierContent), kMaxTiers - 1);
     for (std::uint64_t i = 0; i < records; ++i) {
       const std::uint64_t layer = in_.varint();
       if (in_.ok() && (layer > std::numeric_limits<std::uint16_t>::max() || layer <= last)) {

@@ -61,7 +61,7 @@ class Finalizer {
     records.insert(records.end(), index.begin(), index.end());
     FileHeader header;
     header.minor = head_.header.minor;  // as its records are
-    header.flags = head_.header.flags & ~kGrowing;
+    header.flags = head_.header.flags & ~kGrowing & ~(has_ends() ? 0 : kHasEnds);
     const std::vector<std::uint8_t> head = write_finished_head(header, records, plan.end());
     OutputFile file;
     STGS_TRY(file.open(output));
@@ -73,6 +73,14 @@ class Finalizer {
   }
 
  private:
+  // Recordings in which primitives may end need not have ends.
+  bool has_ends() const {
+    const std::vector<FurtherEntry>& further = head_.index.further;
+    return std::any_of(further.begin(), further.end(), [](const FurtherEntry& one) {
+      return content_of(one.entry.layer) == static_cast<int>(Content::kEnds);
+    });
+  }
+
   // Finds the records that are not critical. Critical ones are FRAG, and segments lost with a
   // damaged fragment. COPY is written again. Records after a damaged header cannot be located.
   Status find_others() {

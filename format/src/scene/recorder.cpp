@@ -5,6 +5,7 @@
 #include <exception>
 
 #include "quantise/segmenter.h"
+#include "scene/recorded_segments.h"
 #include "scene/recording.h"
 #include "scene/write.h"
 #include "stgs/format/output_file.h"
@@ -46,6 +47,8 @@ Status check_recorded_profile(Profile profile) {
 
 class SceneRecorder::State {
  public:
+  using Locations = std::vector<std::vector<StoredPrimitive>>;
+
   explicit State(const RecordSettings& settings) : settings_(settings) {
     settings_.write.own_layouts = true;
   }
@@ -54,7 +57,7 @@ class SceneRecorder::State {
     metadata_ = metadata;
     recorded_.chunk_ticks = chunk_of_settings();
     FileHeader header;
-    header.flags = kGrowing;
+    header.flags = kGrowing | (settings_.ends ? kHasEnds : 0);
     const std::vector<std::uint8_t> records = write_head_records(metadata_, {});
     header.head_bytes = static_cast<std::uint32_t>(kHeaderBytes + records.size());
     head_ = write_header(header);
@@ -77,7 +80,10 @@ class SceneRecorder::State {
     STGS_TRY(check_recorded_profile(settings_.write.profile));
     metadata_ = head.metadata;
     recorded_.chunk_ticks = chunk_of_settings();
+    settings_.ends = (head.header.flags & kHasEnds) != 0;
     head_ = *head.bytes;
+    for (const SegmentEntry& segment : head.index.segments)
+      recorded_segments_.add(head.parts[segment.part].number, segment.base);
     if (head.last_fragment) {
       const SceneMetadata& scene = metadata_.scene;
       recorded_.frames = scene.frames;
@@ -95,7 +101,8 @@ class SceneRecorder::State {
     return {};
   }
 
-  Status append(std::span<const FragmentPart> parts, std::uint32_t end_frame) {
+  Status append(std::span<const FragmentPart> parts, std::span<const PrimitiveEnd> ends,
+                std::uint32_t end_frame, Locations* stored) {
     STGS_TRY(check_open());
     const std::uint32_t frames = recorded_.frames;
     if (end_frame <= frames) {
@@ -103,15 +110,18 @@ class SceneRecorder::State {
           "{}: cannot append a fragment that ends at frame {} (expected more than {})",
           file_.path(), end_frame, frames);
     }
-    if (next_part_ + parts.size() > std::uint64_t{1} << 32)
+    if (next_part_ + parts.size() + 1 > std::uint64_t{1} << 32)
       return unsupported("{}: no number is left for another part", file_.path());
+    if (!ends.empty() && !settings_.ends)
+      return usage_error("{}: created without RecordSettings::ends", file_.path());
+    STGS_TRY(recorded_segments_.check(file_.path(), ends, end_frame));
     std::size_t primitives = 0;
     for (const FragmentPart& part : parts) {
       STGS_TRY(check_part(part, end_frame));
       primitives += part.primitives.size();
     }
     try {
-      return append_checked(parts, end_frame);
+      return append_checked(parts, ends, end_frame, stored);
     } catch (const std::exception& e) {
       return Status(code_of(e), fmt::format("{}: cannot append {} primitives: {}", file_.path(),
                                             primitives, e.what()));
@@ -168,9 +178,13 @@ class SceneRecorder::State {
     return file_.close();
   }
 
-  Status append_checked(std::span<const FragmentPart> parts, std::uint32_t end_frame) {
+  Status append_checked(std::span<const FragmentPart> parts, std::span<const PrimitiveEnd> ends,
+                        std::uint32_t end_frame, Locations* stored) {
     Recorded after = recorded_;
     std::vector<Body> bodies;
+    Locations locations;
+    std::optional<EndRecord> end_record;
+    if (!ends.empty()) end_record = recorded_segments_.record_of(ends, recorded_.chunk_ticks);
     std::uint64_t appended = 0;
     for (const FragmentPart& part : parts) {
       STGS_ASSIGN(EncodedScene encoded, encode_part(part, end_frame, after.chunk_ticks));
@@ -179,7 +193,10 @@ class SceneRecorder::State {
       appended += part.primitives.size();
     }
     after.frames = end_frame;
-    STGS_TRY(append_fragment(bodies, after));
+    for (std::size_t p = 0; p < parts.size(); ++p)
+      locations.emplace_back(parts[p].primitives.size());
+    STGS_TRY(append_fragment(bodies, end_record, after, locations));
+    if (stored != nullptr) *stored = std::move(locations);
     dropped_ += appended - (after.primitives - recorded_.primitives);
     recorded_ = after;
     return {};
@@ -205,38 +222,36 @@ class SceneRecorder::State {
     return encode_records(scene, write, chunk_ticks, false);
   }
 
-  // Appends the records of a part, which `begin` bytes of the file and `bytes` precede.
-  static void add_records(Body& body, std::uint64_t begin, std::vector<std::uint8_t>& bytes) {
-    std::vector<SegmentEntry>& segments = body.index.segments;
-    const auto add = [&](const std::vector<std::uint8_t>& record, RecordRange& entry) {
-      entry.offset = begin + bytes.size();
-      bytes.insert(bytes.end(), record.begin(), record.end());
-    };
-    for (std::size_t first = 0, end = 0; first < segments.size(); first = end) {
-      const IndexEntry place = segments[first].base;
-      const auto is_here = [&place](const SegmentEntry& segment) {
-        return segment.base.level == place.level && segment.base.slot == place.slot;
-      };
-      while (end < segments.size() && is_here(segments[end])) ++end;
-      for (std::size_t s = first; s < end; ++s) add(body.bases[s], segments[s].base);
-      for (std::size_t s = first; s < end; ++s) add(body.sh[s], segments[s].sh);
-    }
+  // Adds a run with the next number.
+  IndexRun& add_run(PartEntry part, FragmentRecord& fragment) const {
+    part.number = static_cast<std::uint32_t>(next_part_ + fragment.node.runs.size());
+    fragment.node.runs.emplace_back().part = part;
+    return fragment.node.runs.back();
   }
 
-  // Writes the records and their FRAG record in one write.
-  Status append_fragment(std::vector<Body>& bodies, const Recorded& after) {
+  // Writes the records and their FRAG record in one write. Sets the locations of the primitives.
+  Status append_fragment(std::vector<Body>& bodies, std::optional<EndRecord>& ends,
+                         const Recorded& after, Locations& locations) {
     std::vector<std::uint8_t> bytes;
     const std::uint64_t begin = file_.bytes();
-    for (Body& body : bodies) add_records(body, begin, bytes);
+    for (Body& body : bodies) append_records(body, begin, bytes);
+    if (ends) {
+      ends->entry.entry.offset = begin + bytes.size();
+      bytes.insert(bytes.end(), ends->bytes.begin(), ends->bytes.end());
+    }
     FragmentRecord fragment = fragment_at(begin + bytes.size(), after);
-    for (const Body& body : bodies) {
-      const std::vector<SegmentEntry>& segments = body.index.segments;
+    RecordedSegments added;
+    for (std::size_t b = 0; b < bodies.size(); ++b) {
+      const std::vector<SegmentEntry>& segments = bodies[b].index.segments;
       if (segments.empty()) continue;
-      IndexRun& run = fragment.node.runs.emplace_back();
-      run.part = body.parts.front();
-      run.part.number = static_cast<std::uint32_t>(next_part_ + fragment.node.runs.size() - 1);
+      IndexRun& run = add_run(bodies[b].parts.front(), fragment);
       run.segments = segments.size();
       fragment.node.segments.insert(fragment.node.segments.end(), segments.begin(), segments.end());
+      added.add(run.part.number, bodies[b], locations[b]);
+    }
+    if (ends) {
+      add_run(ends->part, fragment).further = 1;
+      fragment.node.further.push_back(ends->entry);
     }
     const std::vector<std::uint8_t> record = write_fragment(fragment);
     fragment.end = fragment.offset + record.size();
@@ -245,6 +260,7 @@ class SceneRecorder::State {
     links.add(fragment);
     STGS_TRY(append_bytes(bytes));
     links_ = std::move(links);
+    recorded_segments_.merge(std::move(added));
     next_part_ += fragment.node.runs.size();
     return {};
   }
@@ -274,6 +290,7 @@ class SceneRecorder::State {
   RecordSettings settings_;
   std::vector<std::uint8_t> head_;
   FragmentLinks links_;
+  RecordedSegments recorded_segments_;
   std::uint64_t next_part_ = 0;  // number of the next part
   Recorded recorded_;
   std::uint64_t dropped_ = 0;
@@ -284,13 +301,19 @@ SceneRecorder::SceneRecorder(std::unique_ptr<State> state) : state_(std::move(st
 SceneRecorder::~SceneRecorder() = default;
 
 Status SceneRecorder::append(std::span<const FragmentPart> parts, std::uint32_t end_frame) {
-  return state_->append(parts, end_frame);
+  return state_->append(parts, {}, end_frame, nullptr);
+}
+
+Status SceneRecorder::append(std::span<const FragmentPart> parts,
+                             std::span<const PrimitiveEnd> ends, std::uint32_t end_frame,
+                             std::vector<std::vector<StoredPrimitive>>* stored) {
+  return state_->append(parts, ends, end_frame, stored);
 }
 
 Status SceneRecorder::append(const Gaussians4D& primitives, std::uint32_t end_frame,
                              std::span<const float> importance, std::uint32_t last_frame) {
   const FragmentPart part{primitives, importance, last_frame};
-  return state_->append({&part, 1}, end_frame);
+  return state_->append({&part, 1}, {}, end_frame, nullptr);
 }
 
 Status SceneRecorder::close() {

@@ -7,6 +7,7 @@
 #include <memory>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "stgs/format/damage_report.h"
 #include "stgs/format/scene_file.h"
@@ -18,6 +19,22 @@ struct RecordSettings {
   // Each append waits until its bytes are on disk, so that they survive a power failure. Otherwise
   // they survive only the end of this process.
   bool sync = true;
+  // Primitives may end before their lifespan does: append() accepts ends, and readers that do not
+  // know ends refuse the file. When a recording is resumed, its file determines this.
+  bool ends = false;
+};
+
+// A primitive of a recording: the offset of its record in the file, and its index there.
+struct StoredPrimitive {
+  std::uint64_t record = 0;  // 0: it was dropped
+  std::uint32_t index = 0;
+  bool operator==(const StoredPrimitive&) const = default;
+};
+
+// A primitive that is displayed until this frame of the recording and then fades with its sigma.
+struct PrimitiveEnd {
+  StoredPrimitive primitive;
+  std::uint32_t frame = 0;
 };
 
 // The primitives of a fragment that are displayed for the same time.
@@ -66,6 +83,14 @@ class SceneRecorder {
   // nothing. A write error (kIo) ends the recording and closes the file, which can be resumed; the
   // file is truncated to its previous length as far as the system allows.
   Status append(std::span<const FragmentPart> parts, std::uint32_t end_frame);
+  // The same, and ends primitives of earlier fragments, at most 2^20 of them at frames of at most
+  // `end_frame`. One that ends several times ends at the earliest of them. kUsage without
+  // RecordSettings::ends, or if a primitive was not recorded. `stored`, unless null, receives where
+  // primitive i of part p is stored, as (*stored)[p][i]; after an error it is unchanged. The
+  // locations remain valid when the recording is resumed.
+  Status append(std::span<const FragmentPart> parts, std::span<const PrimitiveEnd> ends,
+                std::uint32_t end_frame,
+                std::vector<std::vector<StoredPrimitive>>* stored = nullptr);
   // The same for a fragment of one part.
   Status append(const Gaussians4D& primitives, std::uint32_t end_frame,
                 std::span<const float> importance = {}, std::uint32_t last_frame = 0);

@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "container/ends.h"
+
+#include <limits>
+#include <tuple>
+
+#include "container/segment_keys.h"
+#include "core/bytes.h"
+
+namespace stgs {
+namespace {
+
+using N = IssueNumber;
+
+constexpr std::uint64_t kMaxU32 = std::numeric_limits<std::uint32_t>::max();
+
+// Reads the lists of a record of ends.
+class EndReader {
+ public:
+  explicit EndReader(ByteReader& in) : in_(in) {}
+
+  // Returns null, or what is wrong.
+  const char* read(std::vector<EndList>& lists) {
+    const std::uint64_t count = in_.varint();
+    if (in_.ok() && count == 0) return "without lists";
+    for (std::uint64_t i = 0; i < count && in_.ok(); ++i) {
+      EndList list;
+      if (const char* problem = read_list(list)) return problem;
+      if (!lists.empty() && !comes_after(list, lists.back())) return "with lists out of order";
+      lists.push_back(std::move(list));
+    }
+    return in_.ok() ? nullptr : kTruncated;
+  }
+
+ private:
+  static constexpr const char* kTruncated =
+      "that is truncated, or has a number that is not in its shortest form";
+
+  static bool comes_after(const EndList& list, const EndList& before) {
+    return std::tie(list.tier, list.time) > std::tie(before.tier, before.time);
+  }
+
+  const char* read_list(EndList& list) {
+    const std::uint64_t part = in_.varint(), place = in_.varint(), tier = in_.varint();
+    const std::uint64_t time = in_.varint(), count = in_.varint();
+    if (!in_.ok()) return kTruncated;
+    if (part > kMaxU32 || place >> 5 > kMaxU32 || tier >= kMaxTiers || time > kMaxU32)
+      return "with a number out of range";
+    if (count == 0) return "with an empty list";
+    if (count > kMaxEnds - ends_) return "of more than 2^20 ends";
+    ends_ += count;
+    list.tier = {static_cast<std::uint32_t>(part), place, static_cast<std::uint32_t>(tier)};
+    list.time = static_cast<std::uint32_t>(time);
+    if (count > in_.left()) return kTruncated;  // before anything is allocated
+    list.primitives.reserve(static_cast<std::size_t>(count));
+    std::uint64_t next = 0;  // the least index that may follow
+    for (std::uint64_t i = 0; i < count && in_.ok(); ++i) {
+      const std::uint64_t skipped = in_.varint();
+      if (skipped > kMaxU32 || next + skipped > kMaxU32) return "with a number out of range";
+      next += skipped;
+      list.primitives.push_back(static_cast<std::uint32_t>(next++));
+    }
+    return in_.ok() ? nullptr : kTruncated;
+  }
+
+  ByteReader& in_;
+  std::uint64_t ends_ = 0;
+};
+
+}  // namespace
+
+TierKey tier_key(std::uint32_t part, const IndexEntry& base) {
+  const std::uint64_t level = static_cast<unsigned>(base.level + 1);
+  return {part, std::uint64_t{base.slot} << 5 | level,
+          static_cast<std::uint32_t>(tier_of(base.layer))};
+}
+
+std::vector<std::uint8_t> write_ends(const IndexEntry& entry, std::span<const EndList> lists) {
+  ByteWriter out;
+  out.u16(static_cast<std::uint16_t>(entry.level));
+  out.u16(entry.layer);
+  out.u32(entry.slot);
+  out.varint(lists.size());
+  for (const EndList& list : lists) {
+    for (const std::uint64_t v :
+         {std::uint64_t{list.tier.part}, list.tier.place, std::uint64_t{list.tier.tier},
+          std::uint64_t{list.time}, std::uint64_t{list.primitives.size()}}) {
+      out.varint(v);
+    }
+    std::uint32_t next = 0;
+    for (const std::uint32_t primitive : list.primitives) {
+      out.varint(primitive - next);
+      next = primitive + 1;
+    }
+  }
+  return out.take();
+}
+
+bool parse_ends(std::span<const std::uint8_t> payload, const IndexEntry& entry,
+                std::uint64_t offset, std::vector<EndList>& lists, Findings& findings) {
+  ByteReader in(payload);
+  const auto level = static_cast<std::int16_t>(in.u16());
+  const std::uint16_t layer = in.u16();
+  const std::uint32_t slot = in.u32();
+  if (in.ok() && (level != entry.level || layer != entry.layer || slot != entry.slot)) {
+    findings.error(N::kSegmentMismatch, offset, "record of ends does not match its index entry");
+    return false;
+  }
+  const char* const problem = EndReader(in).read(lists);
+  if (problem == nullptr) return true;
+  findings.error(N::kEnds, offset + in.position(), "record of ends {}", problem);
+  return false;
+}
+
+}  // namespace stgs
