@@ -58,7 +58,7 @@ void DeviceSegments::insert(std::uint32_t segment, std::uint64_t primitives, std
     primitives_ -= before->second.primitives;
   }
   resident_.insert_or_assign(
-      segment, Resident{bytes, primitives, time_origin, {call_, Priority::kActive}, {}});
+      segment, Resident{bytes, primitives, time_origin, {call_, Priority::kActive}, {}, 0});
   bytes_ += bytes;
   primitives_ += primitives;
 }
@@ -115,7 +115,7 @@ void DeviceSegments::evict_for(const Timeline& timeline, std::uint64_t bytes, co
 bool DeviceSegments::mark_used(const Timeline::SegmentRef& ref, bool is_active) {
   const auto found = resident_.find(ref.segment);
   if (found == resident_.end()) return false;
-  const bool same = same_owner(found->second.set, ref.set);
+  const bool same = same_owner(found->second.set, ref.set) && found->second.version == ref.version;
   found->second.used = {call_, !is_active ? Priority::kPrefetched
                                : same     ? Priority::kActive
                                           : Priority::kOutdated};
@@ -271,7 +271,12 @@ Status DeviceSegments::upload_missing(Timeline& timeline,
   current.insert(current.end(), ahead.begin(), ahead.end());
   cancel_uploads_except(current);
   STGS_TRY(upload_decoded(timeline, decoded, ahead));
-  return decode_batches(timeline, missing);
+  STGS_TRY(decode_batches(timeline, missing));
+  for (const Timeline::SegmentRef& ref : refs) {
+    if (const auto found = resident_.find(ref.segment); found != resident_.end())
+      found->second.version = ref.version;
+  }
+  return {};
 }
 
 Status DeviceSegments::decode_batches(Timeline& timeline, std::span<const std::uint32_t> segments) {

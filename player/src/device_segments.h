@@ -98,6 +98,7 @@ class DeviceSegments {
     double time_origin = 0;                // of the times on the device, ticks of the part
     Use used;                              // last
     std::weak_ptr<const Gaussians4D> set;  // SegmentRef::set, if it had one
+    std::uint64_t version = 0;             // SegmentRef::version
   };
   using Segments = std::map<std::uint32_t, Resident>;
 

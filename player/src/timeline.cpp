@@ -66,7 +66,9 @@ class SegmentTimeline final : public Timeline {
     for (std::uint32_t s : all) {
       if (unusable_.count(s) != 0) continue;
       const ScenePart& part = reader_->parts()[reader_->segments()[s].part];
-      refs.push_back({s, ticks - part.begin_ticks, id_base_[s], nullptr});
+      const auto version = versions_.find(s);
+      refs.push_back({s, ticks - part.begin_ticks, id_base_[s], nullptr,
+                      version == versions_.end() ? 0 : version->second});
     }
     if (is_unlisted(ticks) && (refs.empty() || policy_ == DamagePolicy::kReject)) {
       return invalid_file(
@@ -124,8 +126,13 @@ class SegmentTimeline final : public Timeline {
   // Reads the index as far as it concerns a time.
   Status load_index(double ticks) {
     if (reader_->is_loaded(ticks, ticks)) return {};
+    std::vector<std::uint64_t> known = reader_->end_records();
     STGS_TRY(reader_->load(ticks, ticks));
     number_primitives();
+    for (const std::uint32_t segment : reader_->ended_segments(std::move(known))) {
+      ++versions_[segment];
+      if (const auto found = resident_.find(segment); found != resident_.end()) evict(found);
+    }
     return {};
   }
 
@@ -180,10 +187,14 @@ class SegmentTimeline final : public Timeline {
       const auto oldest = std::min_element(
           resident_.begin(), resident_.end(),
           [](const auto& a, const auto& b) { return a.second.used < b.second.used; });
-      bytes_ -= bytes_of(oldest->first);
-      primitives_ -= oldest->second.decoded.set.size();
-      resident_.erase(oldest);
+      evict(oldest);
     }
+  }
+
+  void evict(std::map<std::uint32_t, Resident>::iterator segment) {
+    bytes_ -= bytes_of(segment->first);
+    primitives_ -= segment->second.decoded.set.size();
+    resident_.erase(segment);
   }
 
   // Decodes a segment according to the damage policy.
@@ -249,6 +260,7 @@ class SegmentTimeline final : public Timeline {
   std::uint64_t bytes_ = 0, primitives_ = 0, call_ = 0;
   std::vector<std::uint32_t> id_base_;
   std::map<std::uint32_t, Resident> resident_;
+  std::map<std::uint32_t, std::uint64_t> versions_;  // of segments with ends
   std::shared_ptr<Budget> budget_;
   Lease charge_;  // of `resident_` and of what is being decoded
 };

@@ -31,9 +31,13 @@ constexpr AttributeBits attribute_bit(Attribute attribute) {
   return 1u << static_cast<int>(attribute);
 }
 inline constexpr AttributeBits kAllAttributes = 0xFFFFFFFF;
-// Where and when primitives are: position and time.
+// Where and when primitives are: position and time. Ends change both of a primitive, and need its
+// motion for that.
 inline constexpr AttributeBits kPlacement =
     attribute_bit(Attribute::kPosition) | attribute_bit(Attribute::kTime);
+inline constexpr AttributeBits kEndedPlacement = kPlacement | attribute_bit(Attribute::kSigma) |
+                                                 attribute_bit(Attribute::kRadius) |
+                                                 attribute_bit(Attribute::kVelocity);
 // Sets the size of these attributes of a set, whose values are then to be written, and empties the
 // others.
 void resize_attributes(Gaussians4D& set, AttributeBits attributes, std::size_t n);

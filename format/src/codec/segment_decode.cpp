@@ -111,6 +111,7 @@ class RangeDecoder {
         findings_(findings),
         decoders_(open_records(records, head, ordinal, findings)),
         records_(decoders_.size()),
+        ends_(ends_of(head, head.segment(ordinal))),
         set_(window) {
     set_.sh_degree = 0;
     if (!decoders_.empty()) context_ = context_of(records, head, ordinal, origin);
@@ -203,6 +204,7 @@ class RangeDecoder {
     }
     if (!all_good()) return;
     if (!renderable) checks_.add(set_, kAllAttributes, begin, end - begin);
+    apply_ends(ends_, begin, set_);
     if (visit) visit(set_, begin);
   }
 
@@ -244,6 +246,7 @@ class RangeDecoder {
   Findings& findings_;
   std::vector<RecordDecoder> decoders_;
   std::vector<Record> records_;  // by decoder
+  const std::vector<SegmentEnd> ends_;
   SegmentContext context_;
   std::vector<Carries> carries_;  // of the attributes that are together
   Gaussians4D& set_;              // of a window
@@ -265,6 +268,8 @@ bool code_segment(const SegmentRecords& records, const FileHead& head, std::uint
   out.time_origin = context.time_origin;
   out.first_key = context.first_key;
   out.shape_bounds = context.shape_bounds;
+  for (const SegmentEnd& end : ends_of(head, head.segment(ordinal)))
+    out.ends.push_back({end.primitive, static_cast<float>(end.ticks - out.time_origin)});
   for (RecordDecoder& decoder : decoders) {
     if (!decoder.code(out.records.emplace_back())) break;
   }
@@ -292,6 +297,7 @@ bool decode_segment(const SegmentRecords& records, const FileHead& head, std::ui
       const SegmentContext context = context_of(records, head, ordinal, origin);
       set.time_origin = context.time_origin;
       map_all(tasks, context, attributes, ordinal, entry, set, found);
+      if (found.ok()) apply_ends(ends_of(head, head.segment(ordinal)), 0, set);
     }
   }
   const bool good = found.ok();

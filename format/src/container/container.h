@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "codec/layout.h"
+#include "container/ends.h"
 #include "container/findings.h"
 #include "container/index.h"
 #include "core/shared_value.h"
@@ -103,7 +104,8 @@ struct FileHead {
   std::vector<PrivateName> private_names;
   std::vector<bool> named_numbers;  // by private_key() of a kind and number; empty: none is named
   std::vector<PartEntry> parts;
-  FileIndex index;  // as far as it is loaded
+  FileIndex index;                                      // as far as it is loaded
+  std::vector<std::shared_ptr<const LoadedEnds>> ends;  // likewise, in the order of loading
   IndexWalk walk;
   std::uint64_t listed_primitives = 0;       // of the segments in `index`
   std::vector<LostFragment> lost_fragments;  // content of damaged nodes
@@ -130,6 +132,13 @@ struct FileHead {
 TickRange interval_of(const FileHead& head, const IndexEntry& entry, std::uint32_t part);
 // Returns the times of the timeline at which a segment is needed; begin >= end: never.
 TickRange needed_of(const FileHead& head, const SegmentEntry& segment);
+
+// Reads a record of ends into head.ends. Damage of the record alone is reported, and the record is
+// ignored (spec 10.1). Returns false if the source fails or a limit is exceeded.
+bool load_ends(const ByteSource& source, const FurtherEntry& further, FileHead& head,
+               Findings& findings);
+// Returns the loaded ends of a segment, the earliest of each primitive, ascending by primitive.
+std::vector<SegmentEnd> ends_of(const FileHead& head, const SegmentEntry& segment);
 
 // Writing.
 

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "container/ends.h"
 
+#include <algorithm>
 #include <limits>
 #include <tuple>
 
-#include "container/segment_keys.h"
-#include "core/bytes.h"
+#include "container/node.h"
+#include "container/opening.h"
+#include "container/segment.h"
 
 namespace stgs {
 namespace {
@@ -110,6 +112,69 @@ bool parse_ends(std::span<const std::uint8_t> payload, const IndexEntry& entry,
   if (problem == nullptr) return true;
   findings.error(N::kEnds, offset + in.position(), "record of ends {}", problem);
   return false;
+}
+
+namespace {
+
+// Reads a record whose bytes are counted.
+bool read_ends(const ByteSource& source, const FurtherEntry& further, const FileHead& head,
+               std::vector<EndList>& lists, Findings& findings) {
+  const IndexEntry& entry = further.entry;
+  if ((head.header.flags & kHasEnds) == 0) {
+    findings.error(N::kEnds, entry.offset, "the file header states that there are no ends");
+    return false;
+  }
+  std::vector<std::uint8_t> bytes;
+  if (!read_listed(source, head, entry, bytes, findings)) return false;
+  return parse_ends(std::span<const std::uint8_t>(bytes).subspan(kRecordHeaderBytes), entry,
+                    entry.offset + kRecordHeaderBytes, lists, findings);
+}
+
+}  // namespace
+
+bool load_ends(const ByteSource& source, const FurtherEntry& further, FileHead& head,
+               Findings& findings) {
+  const std::uint64_t at = further.entry.offset, payload = further.entry.bytes - kRecordHeaderBytes;
+  if (!take_node(at, payload, head, findings)) return false;
+  head.walk.opening_bytes += kOpeningEndByte * payload;
+  if (!fits_opening(head, 0, 0, at, findings)) return false;
+  auto loaded = std::make_shared<LoadedEnds>();
+  Findings found;
+  if (read_ends(source, further, head, loaded->lists, found)) {
+    loaded->offset = at;
+    loaded->begin = head.parts[further.part].begin;
+    head.ends.push_back(std::move(loaded));
+    return true;
+  }
+  const bool is_damage =
+      found.code() == StatusCode::kInvalidFile || found.code() == StatusCode::kUnsupported;
+  if (!is_damage) return findings.append(std::move(found)), false;
+  const Issue why = found.take().front();
+  findings.damage(N::kEnds, why.offset,
+                  "ends cannot be read (issue {}: {}); their primitives are displayed longer",
+                  why.number, why.message);
+  return true;
+}
+
+std::vector<SegmentEnd> ends_of(const FileHead& head, const SegmentEntry& segment) {
+  constexpr double kNever = std::numeric_limits<double>::infinity();
+  const PartEntry& part = head.parts[segment.part];
+  const TierKey key = tier_key(part.number, segment.base);
+  std::vector<double> ends;  // of each primitive
+  for (const auto& loaded : head.ends) {
+    auto list = std::lower_bound(loaded->lists.begin(), loaded->lists.end(), key,
+                                 [](const EndList& one, const TierKey& k) { return one.tier < k; });
+    for (; list != loaded->lists.end() && list->tier == key; ++list) {
+      if (ends.empty()) ends.assign(segment.base.primitives, kNever);
+      const double ticks = loaded->begin + list->time - part.begin;
+      for (const std::uint32_t primitive : list->primitives)
+        if (primitive < ends.size()) ends[primitive] = std::min(ends[primitive], ticks);
+    }
+  }
+  std::vector<SegmentEnd> out;
+  for (std::uint32_t i = 0; i < ends.size(); ++i)
+    if (ends[i] < kNever) out.push_back({i, ends[i]});
+  return out;
 }
 
 }  // namespace stgs

@@ -5,6 +5,7 @@
 
 #include <compare>
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <vector>
 
@@ -31,6 +32,12 @@ struct EndList {
 };
 // The greatest number of ends in a record.
 inline constexpr std::uint64_t kMaxEnds = 1 << 20;
+// A record of ends that was read.
+struct LoadedEnds {
+  std::uint64_t offset = 0;    // of the record
+  double begin = 0;            // of its part, ticks
+  std::vector<EndList> lists;  // ascending by tier and time
+};
 
 // Returns the payload of a record of ends. The lists ascend strictly by tier and time.
 std::vector<std::uint8_t> write_ends(const IndexEntry& entry, std::span<const EndList> lists);

@@ -10,7 +10,8 @@ namespace {
 
 using N = IssueNumber;
 
-// Reads the record and checks it against its entry. Returns false if it is unusable.
+}  // namespace
+
 bool read_listed(const ByteSource& source, const FileHead& head, const IndexEntry& entry,
                  std::vector<std::uint8_t>& bytes, Findings& findings) {
   if (!head.has(entry)) {
@@ -41,8 +42,6 @@ bool read_listed(const ByteSource& source, const FileHead& head, const IndexEntr
          check_payload(record, std::span(bytes).subspan(kRecordHeaderBytes),
                        entry.offset + kRecordHeaderBytes, findings);
 }
-
-}  // namespace
 
 bool read_further(const ByteSource& source, const FileHead& head, const FurtherEntry& further,
                   FurtherRecord& out, Findings& findings) {

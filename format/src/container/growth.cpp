@@ -18,8 +18,26 @@ bool check_fragment_flags(const FragmentRecord& fragment, Findings& findings) {
   return false;
 }
 
+// Loads the records of ends to which pending links before `end` lead. They concern times that are
+// known already, so that readers do not wait for them later.
+bool load_new_ends(const ByteSource& source, IndexWalk::Links::const_iterator end, FileHead& head,
+                   Findings& findings) {
+  IndexWalk::Links& pending = head.walk.pending;
+  for (IndexWalk::Links::const_iterator at = pending.begin(); at != end;) {
+    if (!at->ends) {
+      ++at;
+      continue;
+    }
+    const FurtherEntry ends = *at->ends;
+    at = pending.erase(at);
+    if (!load_ends(source, ends, head, findings)) return false;
+  }
+  return true;
+}
+
 // Takes frames, bounds and counts from the last FRAG record, and adds its node.
-bool add_last(FragmentRecord& fragment, FileHead& head, Findings& findings) {
+bool add_last(const ByteSource& source, FragmentRecord& fragment, FileHead& head,
+              Findings& findings) {
   if (!check_fragment_flags(fragment, findings)) return false;
   head.header.file_bytes = fragment.end;
   head.closed = (fragment.flags & kFragmentClosed) != 0;
@@ -40,6 +58,7 @@ bool add_last(FragmentRecord& fragment, FileHead& head, Findings& findings) {
   const TickRange needed = needed_of(fragment.node);
   if (!take_node(fragment.offset, bytes - kRecordHeaderBytes, head, findings) ||
       !add_node(std::move(fragment.node), fragment.offset, 0, next, head, findings) ||
+      !load_new_ends(source, next, head, findings) ||
       !add_earlier(fragment, 1, next, head, findings)) {
     return false;
   }
@@ -95,7 +114,7 @@ bool read_growth(const ByteSource& source, FileHead& head, bool& grown, Findings
   report_damaged(*last, head, findings);
   grown = *last && (!head.last_fragment || (*last)->offset > head.last_fragment->offset);
   if (grown) head.walk.search.searched = 0;
-  if (grown && (!is_continued(source, head, findings) || !add_last(**last, head, findings)))
+  if (grown && (!is_continued(source, head, findings) || !add_last(source, **last, head, findings)))
     return false;
   if (!head.last_fragment) head.header.file_bytes = head.header.head_bytes;  // nothing is complete
   if (head.closed && source.size() > head.header.file_bytes) {

@@ -47,6 +47,11 @@ struct IndexEntry : RecordRange {
   std::uint32_t primitives = 0;
 };
 
+// Returns whether a further record contains ends (container/ends.h).
+inline bool is_ends(const IndexEntry& entry) {
+  return content_of(entry.layer) == static_cast<int>(Content::kEnds);
+}
+
 // A segment of one tier: its base record, and the SH record if SH are stored separately.
 struct SegmentEntry {
   IndexEntry base;
@@ -158,6 +163,7 @@ struct IndexWalk {
   struct Link {
     NodeLink link;
     int depth = 1;  // number of links that lead to the node, counting this one
+    std::optional<FurtherEntry> ends = {};  // it leads to this record of ends, not to a node
   };
   using Links = std::list<Link>;
   // What a node states, for the validator.

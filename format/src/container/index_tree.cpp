@@ -61,8 +61,20 @@ void append(std::vector<Entry>& more, std::vector<Entry>& entries) {
   entries.insert(entries.end(), more.begin(), more.end());
 }
 
-// Adds the segments and further records of a node.
-void add_entries(IndexNode& node, FileHead& head) {
+// Adds a pending link before `next` to each record of ends of a node.
+void add_end_links(const IndexNode& node, Position next, FileHead& head) {
+  for (const FurtherEntry& further : node.further) {
+    const IndexEntry& entry = further.entry;
+    if (!is_ends(entry)) continue;
+    const TickRange needed = needed_of(entry, head.parts[further.part]);
+    if (needed.begin > needed.end) continue;
+    const NodeLink link = {needed, entry.offset, 0, entry.bytes - kRecordHeaderBytes};
+    head.walk.pending.insert(next, {link, 0, further});
+  }
+}
+
+// Adds the segments and further records of a node, and pending links before `next`.
+void add_entries(IndexNode& node, Position next, FileHead& head) {
   std::size_t s = 0, f = 0;
   for (const IndexRun& run : node.runs) {
     const std::uint32_t part = take_part(run.part, head), first = head.walk.segments;
@@ -74,6 +86,7 @@ void add_entries(IndexNode& node, FileHead& head) {
     for (const std::size_t end = f + run.further; f < end; ++f) complete(node.further[f]);
     head.walk.segments += run.count;
   }
+  add_end_links(node, next, head);
   append(node.segments, head.index.segments);
   append(node.further, head.index.further);
 }
@@ -175,12 +188,12 @@ class Loader {
   // after it.
   bool take(Position& at) {
     IndexWalk::Links& pending = head_.walk.pending;
-    const auto [link, depth] = *at;
-    take_record(link.offset, head_);
+    const auto [link, depth, ends] = *at;
+    if (!ends) take_record(link.offset, head_);
     const bool is_first = at == pending.begin();
     next_ = pending.erase(at);
     const Position before = is_first ? next_ : std::prev(next_);
-    if (!follow(link, depth)) return false;
+    if (!(ends ? load_ends(source_, *ends, head_, findings_) : follow(link, depth))) return false;
     at = is_first ? pending.begin() : std::next(before);
     return true;
   }
@@ -364,7 +377,7 @@ bool add_node(IndexNode node, std::uint64_t record, int depth, Position next, Fi
   if (!take_content(node, record, head, findings)) return false;
   const TickRange needed =
       head.walk.keeps_nodes ? needed_in(node, head.metadata.scene.frames) : TickRange{};
-  add_entries(node, head);
+  add_entries(node, next, head);
   if (head.walk.keeps_nodes)
     head.walk.nodes.insert_or_assign(head.walk.nodes.end(), record,
                                      IndexWalk::Node{std::move(node.links), needed});

@@ -39,11 +39,12 @@ std::uint64_t node_limit(const FileHead& head, std::uint64_t uncounted) {
 }  // namespace
 
 std::uint64_t opening_bytes(const IndexNode& node) {
-  std::uint64_t segments = 0;
+  std::uint64_t segments = 0, ends = 0;
+  for (const FurtherEntry& further : node.further) ends += is_ends(further.entry) ? 1 : 0;
   for (const IndexRun& run : node.runs) segments += run.count;
   return kOpeningLink * node.links.size() + kOpeningRun * node.runs.size() +
          kOpeningSegment * segments + kOpeningTier * node.segments.size() +
-         kOpeningFurther * node.further.size();
+         kOpeningFurther * node.further.size() + kOpeningLink * ends;
 }
 
 std::uint64_t opened_bytes(const FileHead& head) {

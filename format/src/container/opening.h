@@ -13,6 +13,8 @@ namespace stgs {
 // Bytes for a link, a run, a segment, one of its tiers, and a further record.
 inline constexpr std::uint64_t kOpeningLink = 256, kOpeningRun = 2000, kOpeningSegment = 32,
                                kOpeningTier = 224, kOpeningFurther = 128;
+// Bytes for each byte of a record of ends.
+inline constexpr std::uint64_t kOpeningEndByte = 32;
 // Charged for each page that is read, and again if it is damaged. It bounds the time for pages, not
 // their memory.
 inline constexpr std::uint64_t kOpeningPage = 4000;

@@ -71,6 +71,10 @@ struct SegmentRecords {
 bool read_segment(const ByteSource& source, const FileHead& head, std::uint32_t ordinal,
                   bool with_sh, SegmentRecords& records, Findings& findings);
 
+// Reads a listed record and checks it against its entry. Returns false if it is unusable.
+bool read_listed(const ByteSource& source, const FileHead& head, const IndexEntry& entry,
+                 std::vector<std::uint8_t>& bytes, Findings& findings);
+
 // A further record of a private content (spec 5.7).
 struct FurtherRecord {
   TickRange times;   // closed; ticks from the beginning of the part

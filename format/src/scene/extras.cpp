@@ -79,7 +79,7 @@ class Extras {
   Status find_further() {
     for (const FurtherEntry& further : head_.index.further) {
       const IndexEntry& entry = further.entry;
-      if (!head_.has(entry)) continue;
+      if (!head_.has(entry) || is_ends(entry)) continue;
       const int content = content_of(entry.layer);
       constexpr std::uint64_t kBefore = kRecordHeaderBytes + 8 + 2 * 8;
       std::vector<std::uint8_t> bytes(std::min(entry.bytes, kBefore + kMaxNameBytes));

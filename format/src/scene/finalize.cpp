@@ -76,9 +76,8 @@ class Finalizer {
   // Recordings in which primitives may end need not have ends.
   bool has_ends() const {
     const std::vector<FurtherEntry>& further = head_.index.further;
-    return std::any_of(further.begin(), further.end(), [](const FurtherEntry& one) {
-      return content_of(one.entry.layer) == static_cast<int>(Content::kEnds);
-    });
+    return std::any_of(further.begin(), further.end(),
+                       [](const FurtherEntry& one) { return is_ends(one.entry); });
   }
 
   // Finds the records that are not critical. Critical ones are FRAG, and segments lost with a

@@ -121,7 +121,7 @@ bool SceneReader::is_loaded(double t0, double t1) const {
 
 std::vector<TickRange> SceneReader::unloaded() const {
   std::vector<TickRange> out;
-  for (const auto& [link, depth] : state_->head.walk.pending) out.push_back(link.needed);
+  for (const auto& one : state_->head.walk.pending) out.push_back(one.link.needed);
   return out;
 }
 
@@ -209,7 +209,8 @@ Status SceneReader::decode_ranges(std::uint32_t segment, bool with_sh, TimeOrigi
 }
 
 Result<Placement> SceneReader::decode_placement(std::uint32_t segment) const {
-  STGS_ASSIGN(Gaussians4D set, state_->decode(segment, false, kPlacement, TimeOrigin::kPart));
+  const AttributeBits attributes = ends(segment).empty() ? kPlacement : kEndedPlacement;
+  STGS_ASSIGN(Gaussians4D set, state_->decode(segment, false, attributes, TimeOrigin::kPart));
   return Placement{std::move(set.position), std::move(set.time)};
 }
 
@@ -220,6 +221,25 @@ Result<CodedSegment> SceneReader::read(std::uint32_t segment, bool with_sh,
     return code_segment(records, head, ordinal, origin, coded, findings);
   };
   return state_->with_records(segment, with_sh, code, CodedSegment());
+}
+
+bool SceneReader::may_end() const {
+  return (state_->head.header.flags & kHasEnds) != 0;
+}
+
+std::vector<SegmentEnd> SceneReader::ends(std::uint32_t segment) const {
+  if (state_->find(segment) == nullptr) return {};
+  return ends_of(state_->head, state_->head.segment(segment));
+}
+
+std::vector<std::uint64_t> SceneReader::end_records() const {
+  std::vector<std::uint64_t> out;
+  for (const auto& ends : state_->head.ends) out.push_back(ends->offset);
+  return out;
+}
+
+std::vector<std::uint32_t> SceneReader::ended_segments(std::vector<std::uint64_t> known) const {
+  return stgs::ended_segments(state_->head, std::move(known));
 }
 
 std::span<const RansLookup> SceneReader::tables() const {

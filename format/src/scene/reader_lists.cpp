@@ -2,6 +2,7 @@
 #include "scene/reader_lists.h"
 
 #include <algorithm>
+#include <set>
 
 namespace stgs {
 namespace {
@@ -54,6 +55,22 @@ double complete_ticks_of(const FileHead& head, const std::vector<SegmentInfo>& s
 }
 
 }  // namespace
+
+std::vector<std::uint32_t> ended_segments(const FileHead& head, std::vector<std::uint64_t> known) {
+  std::sort(known.begin(), known.end());
+  std::set<TierKey> ended;
+  for (const auto& ends : head.ends) {
+    if (std::binary_search(known.begin(), known.end(), ends->offset)) continue;
+    for (const EndList& list : ends->lists) ended.insert(list.tier);
+  }
+  std::vector<std::uint32_t> out;
+  for (std::uint32_t s = 0; !ended.empty() && s < head.index.segments.size(); ++s) {
+    const SegmentEntry& segment = head.index.segments[s];
+    if (ended.contains(tier_key(head.parts[segment.part].number, segment.base)))
+      out.push_back(head.index.first + s);
+  }
+  return out;
+}
 
 ListedSegment listed_segment(const FileHead& head, std::uint32_t number) {
   const SegmentEntry& segment = head.segment(number);

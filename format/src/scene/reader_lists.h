@@ -21,6 +21,9 @@ struct ReaderLists {
   double latest_begin = 0;    // of a part, ticks
 };
 
+// SceneReader::ended_segments(), for the head of a file.
+std::vector<std::uint32_t> ended_segments(const FileHead& head, std::vector<std::uint64_t> known);
+
 // ListedSegment::of() and replace_segments(), for the head of a file.
 ListedSegment listed_segment(const FileHead& head, std::uint32_t number);
 void replace_segments(const ListedSegment& segment, FileHead& head);

@@ -22,16 +22,26 @@ std::vector<SegmentEntry> last_segments(const FileHead& head) {
   return out;
 }
 
-// Returns whether the records of a segment are intact; an error if they cannot be read.
-Result<bool> is_intact(const ByteSource& source, const SegmentEntry& segment) {
-  std::vector<std::uint8_t> bytes;
-  for (const RecordRange& record : {RecordRange(segment.base), segment.sh}) {
-    Findings found;
-    if (record.bytes == 0 || copy_record(source, record, bytes, found)) continue;
-    if (found.code() == StatusCode::kInvalidFile) return false;
-    return found.status(source.name());
+// Returns the records that the index lists, by offset.
+std::vector<RecordRange> listed_records(const FileHead& head) {
+  std::vector<RecordRange> out;
+  for (const SegmentEntry& segment : head.index.segments) {
+    out.push_back(segment.base);
+    if (segment.sh.bytes > 0) out.push_back(segment.sh);
   }
-  return true;
+  for (const FurtherEntry& further : head.index.further) out.push_back(further.entry);
+  std::sort(out.begin(), out.end(),
+            [](const RecordRange& a, const RecordRange& b) { return a.offset < b.offset; });
+  return out;
+}
+
+// Returns whether a record is intact; an error if it cannot be read.
+Result<bool> is_intact(const ByteSource& source, const RecordRange& record) {
+  std::vector<std::uint8_t> bytes;
+  Findings found;
+  if (copy_record(source, record, bytes, found)) return true;
+  if (found.code() == StatusCode::kInvalidFile) return false;
+  return found.status(source.name());
 }
 
 // Fragments with damaged records at the end of a recording: where the first one begins, or the end
@@ -44,20 +54,16 @@ struct DamagedEnd {
 // Looks for fragments that a power failure has damaged, from the last one to an intact one, and
 // through at most `most` of them.
 Result<DamagedEnd> find_damaged_end(const ByteSource& source, const FileHead& head, int most) {
-  std::vector<const SegmentEntry*> segments;  // in the order of the file
-  for (const SegmentEntry& segment : head.index.segments) segments.push_back(&segment);
-  std::sort(segments.begin(), segments.end(), [](const SegmentEntry* a, const SegmentEntry* b) {
-    return a->base.offset < b->base.offset;
-  });
+  std::vector<RecordRange> records = listed_records(head);
   DamagedEnd out{head.last_fragment->offset + head.last_fragment->bytes, 0};
-  const std::set<std::uint64_t>& fragments = head.walk.followed;  // each after its segments
+  const std::set<std::uint64_t>& fragments = head.walk.followed;  // each after its records
   for (auto fragment = fragments.rbegin(); fragment != fragments.rend() && out.fragments < most;
        ++fragment) {
     const std::uint64_t before = std::next(fragment) != fragments.rend() ? *std::next(fragment) : 0;
     bool intact = true;
-    for (; !segments.empty() && segments.back()->base.offset > before; segments.pop_back()) {
+    for (; !records.empty() && records.back().offset > before; records.pop_back()) {
       if (!intact) continue;
-      STGS_ASSIGN(intact, is_intact(source, *segments.back()));
+      STGS_ASSIGN(intact, is_intact(source, records.back()));
     }
     if (intact) break;
     out.offset = *fragment;
@@ -195,7 +201,10 @@ Result<FileHead> read_resumable(const ByteSource& source) {
       return usage_error("{}: recording is finished; nothing can be appended", source.name());
     }
     const std::vector<Issue> issues = findings.take();
-    if (std::any_of(issues.begin(), issues.end(), [](const Issue& i) { return i.error; })) {
+    // Damaged ends are found below, as other damaged records are.
+    if (std::any_of(issues.begin(), issues.end(), [](const Issue& i) {
+          return i.error && i.number != static_cast<int>(IssueNumber::kEnds);
+        })) {
       return invalid_file("{}: head or index is damaged; save the rest with 'stgs finalize'",
                           source.name());
     }

@@ -11,6 +11,7 @@
 #include "container/segment.h"
 #include "core/read_ahead.h"
 #include "quantise/segmenter.h"
+#include "scene/validate_ends.h"
 #include "scene/validate_index.h"
 
 namespace stgs {
@@ -183,7 +184,9 @@ void walk_unlisted(const ByteSource& source, const FileHead& head, std::uint64_t
     if (intact && (record.flags & kCritical) == 0)
       check_other(record, bytes, head, at, body, findings);
     // Content added by later versions is not reported (spec 5.5, 6.5).
-    if (segment && bytes.size() >= 4 && bytes[3] <= static_cast<int>(Content::kSh)) {
+    if (segment && bytes.size() >= 4 &&
+        (bytes[3] <= static_cast<int>(Content::kSh) ||
+         bytes[3] == static_cast<int>(Content::kEnds))) {
       findings.warning(N::kUnlistedRecord, at, "segment record is not listed in the index");
     }
     at += kRecordHeaderBytes + record.length;
@@ -213,11 +216,12 @@ void walk_body(const ByteSource& source, FileHead& head, std::set<std::uint64_t>
   }
 }
 
-// Checks records of unknown content, as far as they are available (spec 5.7).
+// Checks further records other than ends, as far as they are available (spec 5.7).
 void check_further(const ByteSource& source, const FileHead& head, Findings& findings) {
   for (const FurtherEntry& further : head.index.further) {
     FurtherRecord record;
-    if (head.has(further.entry)) (void)read_further(source, head, further, record, findings);
+    if (head.has(further.entry) && !is_ends(further.entry))
+      (void)read_further(source, head, further, record, findings);
   }
 }
 
@@ -310,6 +314,7 @@ void check_segments(const UntilFailure& source, FileHead& head, Findings& findin
   }
   for (const Layout& layout : head.layouts->layouts) check_layout(layout, findings);
   check_further(source, head, findings);
+  check_ends(head, findings);
   walk_body(source, head, check_index(source, head, findings), findings);
   walk_head_records(head, findings);
   check_private_numbers(head, findings);

@@ -6,6 +6,8 @@
 #include <cub/block/block_reduce.cuh>
 #include <cub/block/block_scan.cuh>
 
+#include "stgs/format/math/lifespan.h"
+
 namespace stgs::player::cuda {
 namespace {
 
@@ -301,7 +303,30 @@ __global__ void __launch_bounds__(kThreads) clear_kernel(const ClearJob* jobs) {
   if (first < job.floats % 4) job.to[4 * fours + first] = 0.0f;
 }
 
+constexpr unsigned kEndBlocks = 16;  // per job
+
+__global__ void __launch_bounds__(kThreads) end_kernel(const EndJob* jobs) {
+  const EndJob job = jobs[blockIdx.x];
+  for (std::uint32_t k = blockIdx.y * kThreads + threadIdx.x; k < job.count;
+       k += kEndBlocks * kThreads) {
+    const CodedEnd end = job.ends[k];
+    const std::size_t i = end.primitive;
+    const float before = job.set.time[i];
+    const math::Lifespan ended =
+        math::ended_lifespan(before, job.set.radius[i], job.begin, end.time);
+    job.set.time[i] = ended.time;
+    job.set.radius[i] = ended.radius;
+    const float dt = __fsub_rn(ended.time, before);
+    for (std::size_t c = 3 * i; c < 3 * i + 3; ++c)
+      job.set.position[c] = __fadd_rn(job.set.position[c], __fmul_rn(job.set.velocity[c], dt));
+  }
+}
+
 }  // namespace
+
+void apply_ends(const EndJob* jobs, std::uint32_t count, cudaStream_t stream) {
+  if (count > 0) end_kernel<<<dim3(count, kEndBlocks), kThreads, 0, stream>>>(jobs);
+}
 
 void clear_ranges(const ClearJob* jobs, std::uint32_t count, cudaStream_t stream) {
   if (count > 0) clear_kernel<<<dim3(count, kClearBlocks), kThreads, 0, stream>>>(jobs);

@@ -7,6 +7,7 @@
 
 #include <cstdint>
 
+#include "cuda/device_gaussians.h"
 #include "stgs/format/coded_segment.h"
 
 namespace stgs::player::cuda {
@@ -72,5 +73,15 @@ struct ClearJob {
 void clear_ranges(const ClearJob* jobs, std::uint32_t count, cudaStream_t stream);
 // Starts mapping `count` works.
 void map_streams(const MapJob* jobs, const MapWork* work, std::uint32_t count, cudaStream_t stream);
+
+// Primitives that end, of a decoded segment. Pointers are device addresses.
+struct EndJob {
+  DeviceGaussians set;
+  const CodedEnd* ends = nullptr;
+  std::uint32_t count = 0;
+  float begin = 0;  // of the part, in the times of the set
+};
+// Starts applying the ends of `count` jobs, as stgs::apply_ends() does.
+void apply_ends(const EndJob* jobs, std::uint32_t count, cudaStream_t stream);
 
 }  // namespace stgs::player::cuda

@@ -78,6 +78,7 @@ struct Need {
 
 Need need_of(const CodedSegment& segment) {
   Need need;
+  need.upload = aligned(sizeof(CodedEnd) * segment.ends.size()) + sizeof(EndJob);
   for (const CodedRecord& record : segment.records) {
     need.upload += aligned(record.stored.size()) + aligned(record.bytes.size()) +
                    sizeof(RansLookup) * record.lookups.size();
@@ -103,7 +104,7 @@ Need need_of(const CodedSegment& segment) {
   return need;
 }
 
-constexpr std::size_t kPlanArrays = 8;  // per plan, each aligned
+constexpr std::size_t kPlanArrays = 9;  // per plan, each aligned
 constexpr int kPhases = 2;              // of mapping
 
 // Returns whether all primitives have all spherical harmonics of the file's degree.
@@ -160,8 +161,15 @@ class SegmentDecoder::Plan {
     clears_.push_back({to.sh, 3 * coefficients * segment.primitives});
   }
 
+  void add_ends(const CodedSegment& segment, const DeviceGaussians& to) {
+    ends_.push_back({to, upload_.add(segment.ends), size_of(segment.ends),
+                     static_cast<float>(-segment.time_origin)});
+  }
+
   Launch finish() {
     Launch out;
+    out.ends = upload_.add(ends_);
+    out.end_count = size_of(ends_);
     out.clears = upload_.add(clears_);
     out.clear_count = size_of(clears_);
     const std::vector<RansWork> rans = rans_work(group_sizes_);
@@ -301,6 +309,7 @@ class SegmentDecoder::Plan {
   std::vector<std::uint32_t> summed_;  // indices of jobs with sums
   std::vector<MapPlane> planes_;       // of the stream being added
   std::vector<ClearJob> clears_;
+  std::vector<EndJob> ends_;
   std::vector<MapWork> sum_work_, work_[kPhases];
   std::vector<RansGroup> groups_;
   std::vector<std::uint32_t> group_sizes_;
@@ -338,6 +347,7 @@ Status SegmentDecoder::prepare(std::span<const CodedSegment* const> segments,
     const CodedSegment& segment = *segments[k];
     plan.add(segment, to[k]);
     if (!has_sh(segment)) plan.clear_sh(segment, to[k]);
+    if (!segment.ends.empty()) plan.add_ends(segment, to[k]);
   }
   launch_ = plan.finish();
   return {};
@@ -357,6 +367,7 @@ Status SegmentDecoder::launch(cudaStream_t stream) {
   for (int phase = 0; phase < kPhases; ++phase) {
     map_streams(launch_.jobs, launch_.maps[phase], launch_.map_count[phase], stream);
   }
+  apply_ends(launch_.ends, launch_.end_count, stream);
   STGS_TRY(cuda_status(cudaGetLastError(), "launching the decoding"));
   return cuda_status(cudaMemcpyAsync(host_flags_.data(), flags_.data(), flag_bytes,
                                      cudaMemcpyDeviceToHost, stream),

@@ -56,7 +56,8 @@ class SegmentDecoder {
     const MapWork* sums = nullptr;
     const std::uint32_t* summed = nullptr;  // indices of jobs with sums
     const MapWork* maps[2] = {};            // streams that depend on others come second
-    std::uint32_t clear_count = 0, rans_count = 0, sum_count = 0, summed_count = 0,
+    const EndJob* ends = nullptr;
+    std::uint32_t end_count = 0, clear_count = 0, rans_count = 0, sum_count = 0, summed_count = 0,
                   map_count[2] = {};
     std::size_t upload = 0;  // bytes
   };

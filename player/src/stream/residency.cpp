@@ -66,6 +66,7 @@ void Residency::fetched(const SegmentLayer& layer) noexcept {
 
 void Residency::begin_decode(std::uint32_t segment) noexcept {
   entries_[segment].decoding = true;
+  entries_[segment].decoding_has_ends = true;
   ++decoding_;
   update_decodable(segment);
 }
@@ -91,8 +92,9 @@ void Residency::decoded(std::uint32_t segment, DecodedSegment resident, bool has
   set_resident(segment, std::move(resident));
   entry.base.backoff = 0;
   entry.has_sh = has_sh;
+  entry.is_outdated = entry.is_outdated && !entry.decoding_has_ends;
   update_decodable(segment);
-  if (!has_sh) return;
+  if (!has_sh || index_.reader().may_end()) return;
   // The segment is completely decoded: its encoded bytes are no longer needed.
   for (const bool sh : {false, true}) {
     const LocatedLayer layer = index_.locate({segment, sh});
@@ -102,6 +104,14 @@ void Residency::decoded(std::uint32_t segment, DecodedSegment resident, bool has
     charge.resize(charge.bytes() - layer.bytes);
   }
   entry.sh.backoff = 0;
+}
+
+void Residency::add_ends(const std::vector<std::uint32_t>& segments) noexcept {
+  for (const std::uint32_t segment : segments) {
+    entries_[segment].is_outdated = true;
+    entries_[segment].decoding_has_ends = false;
+    update_decodable(segment);
+  }
 }
 
 bool Residency::record_damage(const SegmentLayer& layer, const Status& status) noexcept {
@@ -117,7 +127,8 @@ bool Residency::is_decodable(std::uint32_t segment) const {
   const Entry& entry = entries_[segment];
   if (entry.decoding || entry.base.state != LoadState::kResident || !index_.is_needed(segment))
     return false;
-  return entry.resident == nullptr || (!entry.has_sh && entry.sh.state == LoadState::kResident);
+  return entry.resident == nullptr || entry.is_outdated ||
+         (!entry.has_sh && entry.sh.state == LoadState::kResident);
 }
 
 // Adds a segment whose state has changed to decodable_, or removes it.
@@ -203,6 +214,7 @@ bool Residency::is_complete(double ticks) const {
   const std::vector<std::uint32_t> active = index_.reader().segments_between(ticks, ticks);
   return std::all_of(active.begin(), active.end(), [this](std::uint32_t s) {
     if (!is_base_final(s)) return does_not_fit({s, false});
+    if (entries_[s].is_outdated && entries_[s].base.state == LoadState::kResident) return false;
     return is_sh_final(s) || does_not_fit({s, true});
   });
 }

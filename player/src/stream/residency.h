@@ -55,10 +55,14 @@ class Residency {
   // backoff.
   void failed(const SegmentLayer& layer, bool permanently, double now) noexcept;
 
-  // Decoding. decoded() frees the encoded bytes once the segment has its spherical harmonics.
+  // Decoding. decoded() frees the encoded bytes once the segment has its spherical harmonics,
+  // unless its primitives may end later.
   void begin_decode(std::uint32_t segment) noexcept;
   void end_decode(std::uint32_t segment) noexcept;
   void decoded(std::uint32_t segment, DecodedSegment resident, bool has_sh) noexcept;
+  // Lets segments with new ends be decoded again: they remain resident until then. Segments that
+  // are being decoded are decoded again as well.
+  void add_ends(const std::vector<std::uint32_t>& segments) noexcept;
 
   // Adopts a change of SegmentIndex::is_needed(): evicts segments that are no longer needed; those
   // in flight are cancelled as soon as another segment needs their memory.
@@ -113,7 +117,9 @@ class Residency {
   struct Entry {
     LayerState base, sh;
     bool decoding = false;
-    bool has_sh = false;         // `resident` includes its spherical harmonics
+    bool has_sh = false;  // `resident` includes its spherical harmonics
+    // Ends have arrived that `resident`, and what is being decoded, may lack.
+    bool is_outdated = false, decoding_has_ends = false;
     std::size_t slot = kNoSlot;  // in decodable_
     DecodedSegment resident;
   };

@@ -76,6 +76,10 @@ SegmentIndex::Update SegmentIndex::prepare(std::shared_ptr<const SceneReader> re
   update.added = layers_from(segments, update.renumbered ? 0 : size());
   reserve_for(file_order_, (update.renumbered ? 0 : file_order_.size()) + update.added.size());
   reserve_for(file_index_, 2 * segments.size());
+  if (now_.reader != nullptr && !update.renumbered) {
+    update.ended = reader->ended_segments(now_.reader->end_records());
+    std::erase_if(update.ended, [this](std::uint32_t segment) { return segment >= size(); });
+  }
   update.tiers = tiers_of(segments, tiers_);
   if (max_primitives_) update.tier_peaks = player::tier_peaks(segments, update.tiers);
   update.reader = std::move(reader);

@@ -35,8 +35,9 @@ class SegmentIndex {
   // The changes that adopting a reader makes.
   struct Update {
     std::shared_ptr<const SceneReader> reader;
-    std::vector<SegmentLayer> added;  // in file order
-    bool renumbered = false;          // the numbers of all segments change
+    std::vector<SegmentLayer> added;   // in file order
+    std::vector<std::uint32_t> ended;  // known segments with new ends
+    bool renumbered = false;           // the numbers of all segments change
     int tiers = 1;
     std::vector<std::uint64_t> tier_peaks;  // tier_peaks(), with limit_primitives()
   };

@@ -78,8 +78,10 @@ void SegmentStore::adopt(std::shared_ptr<const SceneReader> reader) {
   }
   index_charge_.resize(update.reader->memory_bytes());
   const int needed_tiers = index_.needed_tiers();
+  const std::vector<std::uint32_t> ended = std::move(update.ended);
   index_.adopt(std::move(update));
   residency_.extend();
+  residency_.add_ends(ended);
   if (index_.needed_tiers() != needed_tiers) residency_.apply_needs();
 }
 

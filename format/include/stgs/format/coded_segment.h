@@ -137,6 +137,12 @@ struct CodedRecord {
   std::vector<std::uint8_t> stored;  // planes not coded with rANS, one symbol per primitive
 };
 
+// A primitive that ends: SegmentEnd with a time that counts as the decoded ones.
+struct CodedEnd {
+  std::uint32_t primitive = 0;
+  float time = 0;
+};
+
 // A segment, ready for decoding.
 struct CodedSegment {
   std::uint32_t primitives = 0;
@@ -146,6 +152,7 @@ struct CodedSegment {
   double time_origin = 0;       // of its decoded times: Gaussians4D::time_origin
   std::uint32_t first_key = 0;  // of positions with Prediction::kMorton
   std::array<std::uint32_t, 6> shape_bounds{};  // of the step of the log scales
+  std::vector<CodedEnd> ends;        // ascending by primitive; apply them to the decoded set
   std::vector<CodedRecord> records;  // the base record, then the SH record if there is one
 };
 

@@ -14,10 +14,11 @@
 #include "stgs/format/coded_segment.h"
 #include "stgs/format/gaussian4d.h"
 #include "stgs/format/math/project.h"
-#include "stgs/format/parameter.h"
 #include "stgs/format/quantisation.h"
 #include "stgs/format/read_limits.h"
+#include "stgs/format/segment_ends.h"
 #include "stgs/format/status.h"
+#include "stgs/format/write_parameters.h"
 
 namespace stgs {
 
@@ -315,6 +316,15 @@ class SceneReader {
   // of its records; damage that only decoding reveals (spec 7.4) is left to the decoder.
   Result<CodedSegment> read(std::uint32_t segment, bool with_sh,
                             TimeOrigin origin = TimeOrigin::kPart) const;
+  // Returns whether the file may have ends.
+  bool may_end() const;
+  // Returns the loaded ends of a segment, ascending by primitive. Decoding applies them.
+  std::vector<SegmentEnd> ends(std::uint32_t segment) const;
+  // Returns the offsets of the loaded records of ends.
+  std::vector<std::uint64_t> end_records() const;
+  // Returns the segments, ascending, that have ends in loaded records other than `known`: those
+  // decoded when only these were loaded are outdated.
+  std::vector<std::uint32_t> ended_segments(std::vector<std::uint64_t> known) const;
   // Returns the tables of the file, which its records refer to by number. Valid until refresh().
   std::span<const RansLookup> tables() const;
   // Reads Scene::importance, segment after segment; empty if the file has none. kUsage unless the
@@ -339,19 +349,6 @@ enum class SceneCoder {
   kRans,   // the default, where it saves bytes
   kBytes,  // the planes as they are, for tests and comparisons
 };
-
-// The numbers of WriteSettings that callers choose, for tables of parameters.
-inline constexpr Parameter kQuality = {"quality", 0, 100,
-                                       "0 (smallest file) to 100 (closest to the trained scene)"};
-inline constexpr Parameter kTiers = {
-    "tiers",
-    1,
-    16,
-    "Number of tiers: the primitives by importance, so that a player can start with the first "
-    "tier. An automatic choice has 3 of similar size, or more, of increasing size, if many "
-    "primitives are active at once",
-    "",
-    "an automatic choice"};
 
 struct WriteSettings {
   Profile profile = Profile::kLossless;

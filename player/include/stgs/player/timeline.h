@@ -89,6 +89,8 @@ class Timeline {
     // Null: not decoded; the caller decodes it. Differs from an earlier call if the segment has
     // changed.
     std::shared_ptr<const Gaussians4D> set;
+    // Without `set`: differs from an earlier call if the segment must be decoded again.
+    std::uint64_t version = 0;
   };
   // Returns the segments of at(), ascending, without decoding any. Includes segments that turn out
   // to have no candidates, excludes those known to be unusable. Errors as for at().

@@ -54,6 +54,26 @@ STGS_FN Support candidate_support(float opacity, float time, float sigma, float 
   return s;
 }
 
+// The time centre T and the radius of a primitive, ticks.
+struct Lifespan {
+  float time, radius;
+};
+
+// The lifespan of a primitive that ends at `end`, if that is before T + r. Its flat top begins as
+// before, but not before its part, at `begin`. The position moves with T: position_at().
+STGS_FN Lifespan ended_lifespan(float time, float radius, float begin, float end) {
+  float first = larger(time - radius, begin);
+  float last = larger(end, first);
+  Lifespan l;
+  l.time = time;
+  l.radius = radius;
+  if (last < time + radius) {
+    l.time = first + 0.5f * (last - first);
+    l.radius = last - l.time;
+  }
+  return l;
+}
+
 STGS_MATH_END
 
 #endif
