@@ -21,8 +21,8 @@ void load_more(const ByteSource& source, double t0, double t1, FileHead& head, F
 ListedSegment ListedSegment::of(const SceneReader& reader, std::uint32_t segment) {
   return listed_segment(reader.state_->head, segment);
 }
-void ListedSegment::replace_segments(SceneReader& reader) const {
-  stgs::replace_segments(*this, reader.state_->head);
+void ListedSegment::replace_segments(SceneReader& reader, std::span<const SegmentEnd> ends) const {
+  stgs::replace_segments(*this, ends, reader.state_->head);
   reader.state_->lists = ReaderLists(reader.state_->head);
 }
 

@@ -2,6 +2,7 @@
 #include "scene/reader_lists.h"
 
 #include <algorithm>
+#include <map>
 #include <set>
 
 namespace stgs {
@@ -81,7 +82,8 @@ ListedSegment listed_segment(const FileHead& head, std::uint32_t number) {
           segment.sh.bytes, part.begin,  part.end,        part.chunk_ticks};
 }
 
-void replace_segments(const ListedSegment& segment, FileHead& head) {
+void replace_segments(const ListedSegment& segment, std::span<const SegmentEnd> ends,
+                      FileHead& head) {
   const RecordRange base = {segment.offset, segment.bytes};
   const RecordRange sh = {segment.sh_offset, segment.sh_bytes};
   const TickRange displayed = {segment.part_begin, segment.part_end};
@@ -89,6 +91,14 @@ void replace_segments(const ListedSegment& segment, FileHead& head) {
   head.index.first = segment.number;
   head.index.segments = {
       {{base, segment.level, segment.layer, segment.slot, segment.primitives}, sh}};
+  std::map<double, EndList> lists;  // by time
+  for (const SegmentEnd& end : ends) lists[end.ticks].primitives.push_back(end.primitive);
+  head.ends.clear();
+  for (auto& [ticks, list] : lists) {
+    list.tier = tier_key(0, head.index.segments.front().base);
+    head.ends.push_back(
+        std::make_shared<LoadedEnds>(LoadedEnds{0, segment.part_begin + ticks, {std::move(list)}}));
+  }
   for (const RecordRange& record : {base, sh})
     head.available_bytes = std::max(head.available_bytes, record.offset + record.bytes);
 }

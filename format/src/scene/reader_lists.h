@@ -26,6 +26,7 @@ std::vector<std::uint32_t> ended_segments(const FileHead& head, std::vector<std:
 
 // ListedSegment::of() and replace_segments(), for the head of a file.
 ListedSegment listed_segment(const FileHead& head, std::uint32_t number);
-void replace_segments(const ListedSegment& segment, FileHead& head);
+void replace_segments(const ListedSegment& segment, std::span<const SegmentEnd> ends,
+                      FileHead& head);
 
 }  // namespace stgs

@@ -54,9 +54,9 @@ STGS_EXPORT const char* stgs_decoder_open() {
   }
   return web::give(status_json(status));
 }
-// Returns the memory of the segment to decode, a ListedSegment.
-STGS_EXPORT void* stgs_decoder_segment() {
-  return &decoder->segment();
+// Returns memory for the segment to decode, as stgs_host_decode() passed it.
+STGS_EXPORT void* stgs_decoder_segment(std::uint32_t bytes) {
+  return decoder->job(bytes).data();
 }
 // Decodes it, and passes its parts to the host. Returns {"origin": ticks, "base": status, "sh":
 // status}, as DecodeResult.

@@ -11,7 +11,7 @@ extern "C" {
 void stgs_host_read(std::uint32_t id, double offset, std::uint32_t bytes, std::uint8_t* to);
 // Ends a read early; stgs_read_done() follows.
 void stgs_host_cancel(std::uint32_t id);
-// Starts to decode a segment, a ListedSegment, from its records, which the host copies: `bytes`
+// Starts to decode a segment, of write_job(), from its records, which the host copies: `bytes`
 // bytes at `base`, located at `offset` of the file, and those of the spherical harmonics, if any.
 // The host ends it by stgs_decode_done().
 void stgs_host_decode(std::uint32_t id, const std::uint8_t* segment, std::uint32_t segment_bytes,

@@ -2,12 +2,23 @@
 #include "part_decoder.h"
 
 #include <algorithm>
+#include <cstring>
 #include <memory_resource>
 #include <utility>
 
 #include "packed_segment.h"
 
 namespace stgs::web {
+
+std::vector<std::uint8_t> write_job(const SceneReader& reader, std::uint32_t segment) {
+  const ListedSegment listed = ListedSegment::of(reader, segment);
+  const std::vector<SegmentEnd> ends = reader.ends(segment);
+  std::vector<std::uint8_t> out(sizeof listed + ends.size() * sizeof(SegmentEnd));
+  std::memcpy(out.data(), &listed, sizeof listed);
+  if (!ends.empty())
+    std::memcpy(out.data() + sizeof listed, ends.data(), out.size() - sizeof listed);
+  return out;
+}
 
 PartDecoder::PartDecoder(std::string name, std::uint64_t file_bytes, std::uint64_t max_memory)
     : opening_(std::make_unique<ProvidedSource>(std::move(name), file_bytes)),
@@ -28,7 +39,7 @@ Status PartDecoder::open() {
 Status PartDecoder::decode(bool with_sh, Parts& parts, Status& sh) {
   const auto free_records = [](ProvidedSource* source) { source->clear(); };
   const std::unique_ptr<ProvidedSource, decltype(free_records)> end(provided_, free_records);
-  segment_.replace_segments(*reader_);
+  STGS_TRY(read_job());
   Status status = decode_records(with_sh, parts);
   if (with_sh && is_damage(status.code()) && reader_->segments()[0].sh_bytes > 0) {
     Status base = decode_records(false, parts);
@@ -36,6 +47,16 @@ Status PartDecoder::decode(bool with_sh, Parts& parts, Status& sh) {
     status = std::move(base);
   }
   return status;
+}
+
+Status PartDecoder::read_job() {
+  if (job_.size() < sizeof segment_) return usage_error("a segment to decode is incomplete");
+  std::memcpy(&segment_, job_.data(), sizeof segment_);
+  std::vector<SegmentEnd> ends((job_.size() - sizeof segment_) / sizeof(SegmentEnd));
+  if (!ends.empty())
+    std::memcpy(ends.data(), job_.data() + sizeof segment_, ends.size() * sizeof(SegmentEnd));
+  segment_.replace_segments(*reader_, ends);
+  return {};
 }
 
 Status PartDecoder::decode_records(bool with_sh, Parts& parts) {

@@ -15,6 +15,9 @@
 
 namespace stgs::web {
 
+// Returns the message with which an instance of the module lets another one decode a segment.
+std::vector<std::uint8_t> write_job(const SceneReader& reader, std::uint32_t segment);
+
 // Opens a file from the bytes with which another instance opened it, and decodes segments listed by
 // that instance, from the bytes of their records. One thread.
 class PartDecoder {
@@ -39,8 +42,11 @@ class PartDecoder {
   ProvidedSource& source() { return *provided_; }
   // kIo: bytes are missing.
   Status open();
-  // The segment to decode.
-  ListedSegment& segment() { return segment_; }
+  // Returns memory for the segment to decode, a message of write_job().
+  std::span<std::uint8_t> job(std::size_t bytes) {
+    job_.resize(bytes);
+    return job_;
+  }
   // Decodes the segment as player::decode_to_render() does, after open() has succeeded, and passes
   // its parts, from the first one again if only its SH are damaged. After an error, they are
   // invalid.
@@ -52,6 +58,8 @@ class PartDecoder {
   // Primitives of a part: its packed data take at most 11 MB.
   static constexpr std::uint32_t kPartPrimitives = 1 << 16;
 
+  // Makes the segment of the job that of the reader.
+  Status read_job();
   // Decodes the records of the segment and packs its primitives.
   Status decode_records(bool with_sh, Parts& parts);
   // Packs `set`: the primitives of a segment of n from number `begin` on, a multiple of
@@ -66,6 +74,7 @@ class PartDecoder {
   std::unique_ptr<ProvidedSource> opening_;  // until open()
   ProvidedSource* provided_;
   std::unique_ptr<SceneReader> reader_;
+  std::vector<std::uint8_t> job_;
   ListedSegment segment_;
   std::vector<std::uint8_t> packed_;  // of pack()
   double time_origin_ = 0;

@@ -5,7 +5,7 @@
 
 #include <fmt/format.h>
 #include "page.h"
-#include "stgs/format/listed_segment.h"
+#include "part_decoder.h"
 
 namespace stgs::web {
 
@@ -28,8 +28,8 @@ Status WorkerExecutor::pass_on(std::uint32_t id, const player::DecodeJob& job) {
   std::vector<std::uint8_t> base(info.bytes), sh(sh_bytes);
   STGS_TRY(source_->read(info.offset, base));
   if (sh_bytes > 0) STGS_TRY(source_->read(info.sh_offset, sh));
-  const ListedSegment listed = ListedSegment::of(*job.reader, job.segment);
-  stgs_host_decode(id, reinterpret_cast<const std::uint8_t*>(&listed), sizeof listed, job.with_sh,
+  const std::vector<std::uint8_t> segment = write_job(*job.reader, job.segment);
+  stgs_host_decode(id, segment.data(), static_cast<std::uint32_t>(segment.size()), job.with_sh,
                    static_cast<double>(info.offset), base.data(),
                    static_cast<std::uint32_t>(base.size()), static_cast<double>(info.sh_offset),
                    sh.data(), static_cast<std::uint32_t>(sh.size()));

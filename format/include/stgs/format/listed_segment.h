@@ -3,6 +3,9 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
+
+#include "stgs/format/segment_ends.h"
 
 namespace stgs {
 
@@ -22,8 +25,9 @@ struct ListedSegment {
   // Returns a loaded segment of a reader.
   static ListedSegment of(const SceneReader& reader, std::uint32_t segment);
   // Makes this the only segment of a reader of the same file, which may have been opened when the
-  // file was shorter. From then on only the functions that decode may be called, with `number`.
-  void replace_segments(SceneReader& reader) const;
+  // file was shorter. `ends`: SceneReader::ends() of the reader that listed it. From then on only
+  // the functions that decode may be called, with `number`.
+  void replace_segments(SceneReader& reader, std::span<const SegmentEnd> ends = {}) const;
 };
 
 }  // namespace stgs

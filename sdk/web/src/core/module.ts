@@ -19,7 +19,7 @@ export interface FilePiece {
   bytes: ArrayBuffer;
 }
 
-/** A segment to decode: a ListedSegment of the core. */
+/** A segment to decode: `segment` is a message of the core, of write_job(). */
 export interface DecodeJob {
   id: number;
   segment: ArrayBuffer;

@@ -24,7 +24,7 @@ interface Exports {
   stgs_decoder_create(name: number, bytes: number, maxMemory: number): void;
   stgs_decoder_provide(offset: number, bytes: number): number;
   stgs_decoder_open(): number;
-  stgs_decoder_segment(): number;
+  stgs_decoder_segment(bytes: number): number;
   stgs_decoder_decode(withSh: number): number;
 }
 
@@ -55,7 +55,8 @@ export class PartDecoder {
   decode(job: DecodeJob): { status: DecodeStatus; parts: Part[] } {
     const e = this.instance.exports;
     this.provide(job.records);
-    this.instance.bytes(e.stgs_decoder_segment(), job.segment.byteLength).set(new Uint8Array(job.segment));
+    const segmentBytes = job.segment.byteLength;
+    this.instance.bytes(e.stgs_decoder_segment(segmentBytes), segmentBytes).set(new Uint8Array(job.segment));
     const status = JSON.parse(this.instance.text(e.stgs_decoder_decode(job.withSh ? 1 : 0))) as DecodeStatus;
     const parts = status.base.code === 0 ? this.parts : [];
     this.parts = [];
