@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Opens a file: the head, all nodes of the index (5.2, 9.3), and IMPO (11.9)."""
+"""Opens a file: the head, all nodes of the index (5.2, 9.3), ends (5.9), and IMPO (11.9)."""
 import math
 import struct
 from dataclasses import dataclass, field
 
+import ends
 import growing
 import layouts
 import metadata
 from fields import LIMIT, RECORD, Fields, Refused, check_available, check_payload, need, need_memory, record_header
 from head import head_records, open_head
-from index import Entries, read_node
+from index import Entries, may_be_needed, read_node
 
 DEPTH = 8  # 5.2
 
@@ -26,6 +27,7 @@ class File:
     limits: Limits
     end: int = 0                 # of the file, as it states or as the last fragment shows
     head: bytes = b""
+    flags: int = 0               # of the header
     state: str = "finished"      # or "growing", "closed"
     frames: int = 0
     bounds: list = None
@@ -38,6 +40,7 @@ class File:
     step: bytes = None
     nodes: list = field(default_factory=list)
     links: list = field(default_factory=list)
+    ends: list = field(default_factory=list)      # of ends.Ends
     reports: list = field(default_factory=list)   # Refused: errors after which reading continues
     lost: list = field(default_factory=list)      # (tag, offset, Refused) of nodes
     seen: set = field(default_factory=set)        # offsets of linked records
@@ -60,7 +63,7 @@ def open_file(data, limits):
         return found.head if found else b""
 
     header, head = open_head(data, limits.max_memory, fragment_head, reports)
-    file = File(data, limits, header.file_bytes, head, reports=reports, entries=Entries(limits.max_memory))
+    file = File(data, limits, header.file_bytes, head, header.flags, reports=reports, entries=Entries(limits.max_memory))
     have = head_records(head, header.growing(), reports)
     file.meta = metadata.read_meta(have[b"META"])
     file.frames, file.bounds = file.meta.frames, file.meta.bounds
@@ -73,6 +76,7 @@ def open_file(data, limits):
         if len(data) != file.end:
             reports.append(Refused("2.4", 106, f"{len(data)} bytes instead of {file.end}"))
         read_index(file, have[b"INDX"])
+    read_all_ends(file)
     read_aside(file, have)
     return file
 
@@ -244,6 +248,19 @@ def follow_instead(file, fragments, offset, depth):  # 9.5
     else:
         file.seen.add(found.at)
         use_fragment(file, fragments, found, depth)
+
+
+def read_all_ends(file):  # 5.9
+    for run in file.runs():
+        for segment in run.segments:
+            for record in filter(ends.is_ends, segment.further):
+                if not may_be_needed(run, segment):
+                    continue
+                count_bytes(file, record.offset, record.bytes)
+                try:
+                    file.ends.append(ends.read_ends(file, run, segment, record))
+                except Refused as error:
+                    file.reports.append(error)
 
 
 def read_importance(file):

@@ -13,6 +13,7 @@ import struct
 import sys
 
 from container import Limits, open_file, read_importance
+from ends import ends_of
 from fields import Refused
 from index import needed
 from layouts import NAMES
@@ -131,6 +132,8 @@ def describe_segment(file, run, segment, out):
             describe_stream(place, tier, attribute, stream, out)
         if error:
             out.refuse(f"sh {place[0]} {place[1]} {place[2]} {tier}", error)
+        for primitive, time in sorted(ends_of(file, run, segment, tier).items()):
+            out.line("end", *place, tier, primitive, time)
     for record in segment.further:
         describe_further(file, place, segment, record, out)
 

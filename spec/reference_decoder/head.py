@@ -36,7 +36,7 @@ def read_header(data):
 def check_header(header):
     """Refuses what no copy of the head can repair."""
     need(header.major == 2, "2.2", 104, f"version {header.major}.{header.minor}")
-    need(header.flags & 0xFFFE == 0, "2.2", 105, f"flags {header.flags:#x}")
+    need(header.flags & 0xFFFC == 0, "2.2", 105, f"flags {header.flags:#x}")
     need(not header.growing() or header.file_bytes == 0, "2.1", 107, "a growing file states its size")
     need(header.head_bytes >= HEADER, "2.1", 107, f"a head of {header.head_bytes} bytes")
     need(header.growing() or header.head_bytes <= header.file_bytes, "2.1", 107,

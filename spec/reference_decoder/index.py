@@ -177,6 +177,11 @@ def interval(level, slot, chunk, length):
     return slot * half, min(slot * half + 2 * half, 2 * length)
 
 
+def may_be_needed(run, segment):
+    """Returns whether a segment is needed at a time of some timeline (5.4)."""
+    return max(run.begin * 2 + segment.start, 2 * run.first) <= min(2 * run.begin + segment.stop, 2 * run.last)
+
+
 def needed(run, segment, frames):
     """Returns the first and the last time of the timeline at which a segment is needed, in units of
     2^-21 ticks, and whether the last one is such a time; None if it is never needed (5.4)."""

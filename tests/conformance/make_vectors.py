@@ -20,6 +20,7 @@ from vectors_broken_records import broken_records
 from vectors_broken_streams import broken_streams
 from vectors_container import valid_container
 from vectors_damage import damage
+from vectors_ends import valid_ends, broken_ends
 from vectors_growing import damaged_growing, valid_growing
 from vectors_index import valid_index
 from vectors_mappings import valid_streams
@@ -30,7 +31,7 @@ from vectors_searches import searches
 HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path.insert(0, os.path.join(HERE, "../../spec/reference_decoder"))
 
-for make in (valid_container, valid_index, valid_records, valid_streams, valid_growing, damaged_growing,
+for make in (valid_container, valid_index, valid_records, valid_streams, valid_growing, damaged_growing, valid_ends, broken_ends,
              searches, damage, broken_head, broken_index, broken_records, broken_groups, broken_streams,
              orders):
     make()

@@ -186,7 +186,7 @@ def limits_of_index():
 def many_entries():
     """Returns a file of two nodes with a link, and 2 segments of one tier and 321 further records each."""
     def run(part):
-        return Run([Segment(level, 0, [Body(float_streams(1, 0, 1), 1, layout=0)], further=[(512 + j, b"") for j in range(321)])
+        return Run([Segment(level, 0, [Body(float_streams(1, 0, 1), 1, layout=0)], further=[(1024 + j, b"") for j in range(321)])
                     for level in (-1, 0)], part=part)
     layt = struct.pack("<HH", 0, 1) + b"\x09" + b"".join(s.row() for s in float_streams(1, 0, 1))
     return File(Node([run(0)], [Link(Node([run(1)]))]), Meta(profile=0), layouts=layt).bytes()

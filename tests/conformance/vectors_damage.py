@@ -49,7 +49,7 @@ def headers():
     must_fail("major_version_1", "2.2", "version 1.1", plain(major=1, minor=1))
     must_fail("major_version_3", "2.2", "version 3.0 with a copy of the head, and a damaged record",
               flipped(plain(major=3, copy=copy_record).bytes(), META))
-    for bit in (1, 15):
+    for bit in (2, 15):
         must_fail(f"header_flag_{bit}", "2.2", f"flag {bit}", plain(flags=1 << bit))
     must_fail("head_beyond_the_file", "2.1", "head_bytes too large", plain(head_bytes=1 << 20))
     must_fail("head_of_31_bytes", "2.1", "head_bytes below the size of a header", header(2, 0, 0, 32, 31))
@@ -143,7 +143,7 @@ def unusable_copies():
         copy=lambda head: copy_record(header(3, 0, 0, struct.unpack_from("<Q", head, 16)[0], len(head)) + head[32:])
     ).bytes(), 0), clause_of="2.2")
     must_fail("copy_with_unknown_flags", "10.2", "the copy has an unknown flag: it is used, and refused", flipped(plain(
-        copy=lambda head: copy_record(header(2, 0, 2, struct.unpack_from("<Q", head, 16)[0], len(head)) + head[32:])
+        copy=lambda head: copy_record(header(2, 0, 4, struct.unpack_from("<Q", head, 16)[0], len(head)) + head[32:])
     ).bytes(), 0), clause_of="2.2")
     aside = record(b"NOTE", b"hello", 0)
     for name, about, records in (("unknown", "an unknown record", aside), ("private", "PRIV", private()),

@@ -166,8 +166,8 @@ def further_records():
         further(255 << 8 | 255, 5, 5, "a/b", b"2", 0, 2)])
     vector("further_several", "5.7", "three further records of one segment, without bytes or length; the last layer",
            File([Run([several])], Meta(profile=0), last_records=private((2, 200, "a"), (2, 255, "b"))))
-    reserved = small(further=[(512, b""), (3 << 8, b"any"), (191 << 8 | 255, b"thing"), further(192 << 8, 0, 30)])
-    vector("further_reserved", "5.5", "contents 2, 3 and 191 are ignored; content 192", File(
+    reserved = small(further=[(512, b""), (4 << 8, b"any"), (191 << 8 | 255, b"thing"), further(192 << 8, 0, 30)])
+    vector("further_reserved", "5.5", "contents 2, 4 and 191 are ignored; content 192", File(
         [Run([reserved])], Meta(profile=0), last_records=private((2, 192, "a"))))
     damaged = File([Run([small(further=[(512, b"payload"), further(layer, 0, 30)])])], Meta(profile=0),
                    last_records=SOUND).bytes()

@@ -24,9 +24,9 @@ def orders():
 
 def headers():
     for name, about, clause, more in (
-            ("version_and_flags", "version 3, and an unknown flag", "2.2", dict(major=3, flags=2)),
+            ("version_and_flags", "version 3, and an unknown flag", "2.2", dict(major=3, flags=4)),
             ("version_and_sizes", "version 3, and head_bytes too large", "2.2", dict(major=3, head_bytes=1 << 20)),
-            ("flags_and_sizes", "an unknown flag, and head_bytes too large", "2.2", dict(flags=2, head_bytes=1 << 20))):
+            ("flags_and_sizes", "an unknown flag, and head_bytes too large", "2.2", dict(flags=4, head_bytes=1 << 20))):
         must_fail(f"order_{name}", ORDER, about, plain(**more), clause_of=clause)
     must_fail("order_checksum_and_version", ORDER, "version 3, and a wrong checksum of the header", flipped(
         plain(major=3).bytes(), 13), clause_of="2.1")

@@ -58,7 +58,7 @@ def heads():
                 "COPY is used", flipped(live, DAMAGE))
     head = growing([])
     for name, clause, about, stated in (
-            ("version", "2.2", "of version 3", (3, 0, 1, 0)), ("flags", "2.2", "with an unknown flag", (2, 0, 3, 0)),
+            ("version", "2.2", "of version 3", (3, 0, 1, 0)), ("flags", "2.2", "with an unknown flag", (2, 0, 5, 0)),
             ("size", "2.1", "that states file_bytes", (2, 0, 1, 1))):
         data = growing([*recorded(1), Fragment([recorded_run(1)], head=header(*stated, len(head)) + head[32:])])
         must_fail(f"growing_head_in_fragment_{name}", "10.2", f"the head is damaged, the last FRAG record contains one {about}: "

@@ -151,8 +151,7 @@ bool load_ends(const ByteSource& source, const FurtherEntry& further, FileHead& 
   if (!is_damage) return findings.append(std::move(found)), false;
   const Issue why = found.take().front();
   findings.damage(N::kEnds, why.offset,
-                  "ends cannot be read (issue {}: {}); their primitives are displayed longer",
-                  why.number, why.message);
+                  "ends cannot be read: {}; their primitives are displayed longer", why.message);
   return true;
 }
 
