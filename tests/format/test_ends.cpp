@@ -9,6 +9,7 @@
 #include "fixtures/recording_fixture.h"
 #include "head_fixture.h"
 #include "stgs/format/math/lifespan.h"
+#include "stgs/format/output_file.h"
 
 using namespace stgs;
 using namespace stgs::testing;
@@ -197,4 +198,170 @@ TEST_CASE("primitives end in live and in finished files") {
     REQUIRE(scene.ok());
     CHECK(scene->parts == std::vector<ScenePart>{{0, 1000, 60}});
   }
+}
+
+TEST_CASE("a recording without ends has a flag for them until it is finished") {
+  const TemporaryFolder folder;
+  const std::string path = folder / "live.stgs", finished = folder / "finished.stgs";
+  const auto recorder = create(path, settings_with_ends());
+  append(*recorder, {}, {}, 10);
+  REQUIRE(recorder->close().ok());
+  CHECK(head_of(bytes_of(path)).header.flags == (kGrowing | kHasEnds));
+  finalize_intact(path, finished);
+  CHECK(head_of(bytes_of(finished)).header.flags == 0);
+}
+
+namespace {
+
+// The offset of a record of ends in a recording.
+std::uint64_t end_record_in(const std::string& path, std::size_t number) {
+  return open_scene(path)->end_records().at(number);
+}
+
+void write(const std::string& path, const Bytes& bytes) {
+  REQUIRE(write_file_atomically(path, bytes).ok());
+}
+
+void flip(const std::string& path, std::uint64_t at) {
+  Bytes bytes = bytes_of(path);
+  bytes.at(at) ^= 1;
+  write(path, bytes);
+}
+
+}  // namespace
+
+TEST_CASE("primitives whose ends are damaged are displayed for longer, and it is reported") {
+  const TemporaryFolder folder;
+  const std::string path = folder / "live.stgs", finished = folder / "finished.stgs";
+  EndedRecording recording;
+  recording.write(path, settings_with_ends(), false);
+  flip(path, end_record_in(path, 1) + kRecordHeaderBytes + 10);
+  const auto reader = open_scene(path);
+  REQUIRE(reader->damage().size() == 1);
+  CHECK(reader->damage().front().number == 319);
+  CHECK(reader->end_records().size() == 1);
+  const auto visible = visible_at(*reader, 0, 15);
+  CHECK(std::all_of(visible.begin(), visible.end(), [](const auto& one) { return one.second; }));
+  CHECK(issues_of(bytes_of(path)).count(319) == 1);
+  // Other records are copied as they are, damaged ones too.
+  DamageReport report;
+  REQUIRE(finalize_scene(std::move(*open_file(path)), finished, report).ok());
+  CHECK(report.further == 1);
+  CHECK(open_scene(finished)->damage().size() == 1);
+}
+
+TEST_CASE("a recording is resumed before a fragment whose ends a power failure damaged") {
+  const TemporaryFolder folder;
+  const std::string path = folder / "live.stgs";
+  EndedRecording recording;
+  const std::vector<std::uint64_t> bytes = recording.write(path, settings_with_ends(), false);
+  Bytes open = bytes_of(path);
+  open.resize(bytes[3]);  // without the FRAG record of close()
+  write(path, open);
+  const std::uint64_t last = open_scene(path)->end_records().front();
+  flip(path, last + kRecordHeaderBytes + 10);
+  const auto resumed = SceneRecorder::resume(path, recording_settings());
+  INFO(resumed.status().message());
+  REQUIRE(resumed.ok());
+  CHECK((*resumed)->frames() == 30);
+  CHECK((*resumed)->bytes() == bytes[2]);
+}
+
+TEST_CASE("records of ends are bounded before they are read") {
+  const IndexEntry entry = [] {
+    IndexEntry ends;
+    ends.level = -1;
+    ends.layer = layer_of(Content::kEnds, 0);
+    return ends;
+  }();
+  EndList list{{0, 0, 0}, 3, std::vector<std::uint32_t>(kMaxEnds)};
+  for (std::uint32_t i = 0; i < kMaxEnds; ++i) list.primitives[i] = i;
+  const auto is_valid = [&](std::span<const EndList> lists) {
+    std::vector<EndList> parsed;
+    Findings findings;
+    const bool good = parse_ends(write_ends(entry, lists), entry, 0, parsed, findings);
+    CHECK(good == findings.ok());
+    return good;
+  };
+  CHECK(is_valid({&list, 1}));
+  const EndList more{{0, 0, 0}, 4, {7}};
+  const EndList both[] = {list, more};
+  CHECK_FALSE(is_valid(both));
+
+  const TemporaryFolder folder;
+  const std::string path = folder / "live.stgs";
+  EndedRecording recording;
+  recording.write(path, settings_with_ends(), false);
+  const std::vector<PrimitiveEnd> many(kMaxEnds + 1, {recording.stored[0][0], 5});
+  const auto recorder = create(folder / "many.stgs", settings_with_ends());
+  CHECK(recorder->append({}, many, 10).code() == StatusCode::kUsage);
+  // The index takes less than this limit, the ends with it do not.
+  ReadLimits limits;
+  limits.max_opening = head_of(bytes_of(path)).walk.opening_bytes;
+  CHECK(SceneReader::open(path, limits).status().code() == StatusCode::kUnsupported);
+}
+
+TEST_CASE("all ways to decode a segment end its primitives") {
+  const TemporaryFolder folder;
+  const std::string path = folder / "live.stgs";
+  const auto recorder = create(path, settings_with_ends(Profile::kQuantised));
+  Gaussians4D moving = make_fragment(3, 5000);
+  std::fill(moving.radius.begin(), moving.radius.end(), 40.0f);
+  const FragmentPart parts[] = {{moving, {}, 1000}};
+  Locations stored;
+  append(*recorder, parts, {}, 10, &stored);
+  const auto before = open_scene(path);
+  std::vector<PrimitiveEnd> ends;
+  for (std::size_t i = 0; i < moving.size(); i += 3) ends.push_back({stored[0][i], 15});
+  append(*recorder, {}, ends, 20);
+  const auto reader = open_scene(path);
+  for (std::uint32_t s = 0; s < reader->segments().size(); ++s) {
+    const auto unended = before->decode(s), set = reader->decode(s);
+    REQUIRE(set.ok());
+    Gaussians4D expected = *unended;
+    apply_ends(reader->ends(s), 0, expected);
+    CHECK(set->time == expected.time);
+    CHECK(set->radius == expected.radius);
+    CHECK(set->position == expected.position);
+    const auto placement = reader->decode_placement(s);
+    REQUIRE(placement.ok());
+    CHECK(placement->position == expected.position);
+    CHECK(placement->time == expected.time);
+    const Status passed = reader->decode_ranges(
+        s, true, TimeOrigin::kPart, [&](const Gaussians4D& window, std::size_t begin) {
+          CHECK(std::equal(window.time.begin(), window.time.end(), expected.time.begin() + begin));
+        });
+    CHECK(passed.ok());
+    const auto coded = reader->read(s, true);
+    REQUIRE(coded.ok());
+    CHECK(coded->ends.size() == reader->ends(s).size());
+    for (const SegmentEnd& end : reader->ends(s)) {
+      // The path is the same, up to rounding; the flat top ends with the end.
+      const std::size_t i = end.primitive;
+      const float end_of_top = expected.time[i] + expected.radius[i];
+      CHECK(end_of_top <= 15.001f);
+      for (std::size_t c = 3 * i; c < 3 * i + 3; ++c) {
+        CHECK(expected.position[c] - expected.velocity[c] * expected.time[i] ==
+              Approx(unended->position[c] - unended->velocity[c] * unended->time[i]).margin(1e-4));
+      }
+    }
+  }
+}
+
+TEST_CASE("an ended lifespan has its end and its beginning, and never grows") {
+  const auto ended = [](float time, float radius, float begin, float end) {
+    const math::Lifespan out = math::ended_lifespan(time, radius, begin, end);
+    return std::pair(out.time - out.radius, out.time + out.radius);
+  };
+  using Top = std::pair<float, float>;
+  CHECK(ended(10, 4, 0, 12) == Top(6, 12));
+  CHECK(ended(10, 4, 0, 14) == Top(6, 14));
+  CHECK(ended(10, 4, 0, 99) == Top(6, 14));   // it ends by itself
+  CHECK(ended(10, 4, 0, 3) == Top(6, 6));     // before it begins
+  CHECK(ended(10, 40, 0, 12) == Top(0, 12));  // it began before its part
+  CHECK(ended(10, 40, -5, 12) == Top(-5, 12));
+  CHECK(ended(-10, 4, 0, 3) == Top(-14, -6));  // before its part
+  // A lifespan that is much longer than the recording keeps the precision of the end.
+  const math::Lifespan precise = math::ended_lifespan(5e8f, 1e9f, 0, 123457);
+  CHECK(precise.time + precise.radius == 123457.0f);
 }

@@ -83,7 +83,7 @@ std::vector<NodeLink> root_links(const Bytes& bytes) {
   FileHead head;
   REQUIRE(read_head(*memory_source(bytes), {}, IndexLoading::kOnDemand, head, findings));
   std::vector<NodeLink> out;
-  for (const auto& [link, depth] : head.walk.pending) out.push_back(link);
+  for (const IndexWalk::Link& one : head.walk.pending) out.push_back(one.link);
   return out;
 }
 

@@ -26,10 +26,28 @@ Bytes recording(Profile profile, std::uint32_t fragments, bool close) {
   return testing::bytes_of(path);
 }
 
+// A recording whose last fragment ends primitives of the first one.
+Bytes recording_with_ends() {
+  const std::string path = input_folder().beside("seed.stgs");
+  std::remove(path.c_str());
+  RecordSettings settings = testing::recording_settings(Profile::kLossless);
+  settings.ends = true;
+  auto recorder = SceneRecorder::create(path, testing::recording_metadata(), 1, settings);
+  require(recorder.ok(), "seeds can be written");
+  const Gaussians4D set = testing::make_fragment(0, 12);
+  const FragmentPart parts[] = {{set, {}, 100}};
+  std::vector<std::vector<StoredPrimitive>> stored;
+  require((*recorder)->append(parts, {}, 10, &stored).ok(), "seeds can be written");
+  const PrimitiveEnd ends[] = {{stored[0][0], 12}, {stored[0][1], 12}, {stored[0][2], 15}};
+  require((*recorder)->append({}, ends, 20).ok(), "seeds can be written");
+  return testing::bytes_of(path);
+}
+
 std::vector<Bytes> seeds() {
-  std::vector<Bytes> out = {
-      recording(Profile::kLossless, 0, false), recording(Profile::kLossless, 3, false),
-      recording(Profile::kQuantised, 2, false), recording(Profile::kQuantised, 2, true)};
+  std::vector<Bytes> out = {recording(Profile::kLossless, 0, false),
+                            recording(Profile::kLossless, 3, false),
+                            recording(Profile::kQuantised, 2, false),
+                            recording(Profile::kQuantised, 2, true), recording_with_ends()};
   Bytes cut = out[1];
   cut.resize(cut.size() - 100);
   out.push_back(cut);

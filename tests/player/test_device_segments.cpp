@@ -168,6 +168,34 @@ TEST_CASE("the segments of a time are uploaded once") {
   CHECK(device.resident.size() == needed->size());
 }
 
+namespace {
+
+// A timeline whose first segment must be decoded again once its version changes.
+class VersionedTimeline final : public WrappedTimeline {
+ public:
+  using WrappedTimeline::WrappedTimeline;
+  std::uint64_t version = 0;
+  Result<std::vector<SegmentRef>> visible_segments(double seconds) override {
+    auto refs = WrappedTimeline::visible_segments(seconds);
+    if (refs.ok()) refs->front().version = version;
+    return refs;
+  }
+};
+
+}  // namespace
+
+TEST_CASE("a segment is uploaded again if it has ended primitives") {
+  VersionedTimeline timeline(make_timeline());
+  CountingDevice device;
+  REQUIRE(device.make_resident(timeline, 1.0).ok());
+  const int uploaded = device.uploaded;
+  timeline.version = 1;
+  REQUIRE(device.make_resident(timeline, 1.0).ok());
+  CHECK(device.uploaded == uploaded + 1);
+  REQUIRE(device.make_resident(timeline, 1.0).ok());
+  CHECK(device.uploaded == uploaded + 1);
+}
+
 TEST_CASE("a segment that arrives during an upload belongs to the next frame") {
   ArrivingTimeline timeline;
   CountingDevice device;

@@ -14,6 +14,7 @@ namespace {
 
 using N = IssueNumber;
 
+constexpr std::uint64_t kListBytes = 6;  // of a list, at least
 constexpr std::uint64_t kMaxU32 = std::numeric_limits<std::uint32_t>::max();
 
 // Reads the lists of a record of ends.
@@ -25,6 +26,8 @@ class EndReader {
   const char* read(std::vector<EndList>& lists) {
     const std::uint64_t count = in_.varint();
     if (in_.ok() && count == 0) return "without lists";
+    lists.reserve(
+        static_cast<std::size_t>(std::min<std::uint64_t>(count, in_.left() / kListBytes)));
     for (std::uint64_t i = 0; i < count && in_.ok(); ++i) {
       EndList list;
       if (const char* problem = read_list(list)) return problem;
