@@ -36,8 +36,11 @@ class WrappedTimeline : public Timeline {
     return wrapped_->segment_damage();
   }
   Result<Active> at(double seconds) override { return wrapped_->at(seconds); }
+  std::uint64_t version = 0;  // of the first segment
   Result<std::vector<SegmentRef>> visible_segments(double seconds) override {
-    return wrapped_->visible_segments(seconds);
+    STGS_ASSIGN(std::vector<SegmentRef> refs, wrapped_->visible_segments(seconds));
+    refs.front().version = version;
+    return refs;
   }
   const SceneReader& reader() const override { return wrapped_->reader(); }
   Result<std::optional<Gaussians4D>> decode(std::uint32_t s) override {
@@ -168,24 +171,8 @@ TEST_CASE("the segments of a time are uploaded once") {
   CHECK(device.resident.size() == needed->size());
 }
 
-namespace {
-
-// A timeline whose first segment must be decoded again once its version changes.
-class VersionedTimeline final : public WrappedTimeline {
- public:
-  using WrappedTimeline::WrappedTimeline;
-  std::uint64_t version = 0;
-  Result<std::vector<SegmentRef>> visible_segments(double seconds) override {
-    auto refs = WrappedTimeline::visible_segments(seconds);
-    if (refs.ok()) refs->front().version = version;
-    return refs;
-  }
-};
-
-}  // namespace
-
 TEST_CASE("a segment is uploaded again if it has ended primitives") {
-  VersionedTimeline timeline(make_timeline());
+  WrappedTimeline timeline(make_timeline());
   CountingDevice device;
   REQUIRE(device.make_resident(timeline, 1.0).ok());
   const int uploaded = device.uploaded;
