@@ -190,6 +190,7 @@ TEST_CASE("primitives end in live and in finished files") {
     CHECK(reader->damage().empty());
     recording.check(*reader);
     CHECK(reader->end_records().size() == 2);
+    CHECK(reader->latest_begin_ticks() == 0);  // that of the first fragment
     CHECK(reader->ended_segments({}) == std::vector<std::uint32_t>{0});
     CHECK(reader->ended_segments(reader->end_records()).empty());
     CHECK(issues_of(bytes_of(file)).empty());

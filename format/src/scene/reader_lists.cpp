@@ -44,6 +44,17 @@ std::vector<ScenePart> parts_from(const FileHead& head) {
   return out;
 }
 
+// Returns the latest beginning of a part, except of those that contain ends alone, which may begin
+// at any time of a fragment.
+double latest_begin_of(const FileHead& head) {
+  double latest = 0;
+  const auto add = [&](std::uint32_t part) { latest = std::max(latest, head.parts[part].begin); };
+  for (const SegmentEntry& segment : head.index.segments) add(segment.part);
+  for (const FurtherEntry& further : head.index.further)
+    if (!is_ends(further.entry)) add(further.part);
+  return latest;
+}
+
 // Returns the time up to which nothing is missing.
 double complete_ticks_of(const FileHead& head, const std::vector<SegmentInfo>& segments) {
   double ticks = head.metadata.scene.frames;
@@ -107,8 +118,7 @@ ReaderLists::ReaderLists(const FileHead& head)
     : segments(segments_from(head)),
       times(segments, static_cast<double>(head.metadata.scene.frames)),
       parts(parts_from(head)),
-      complete_ticks(complete_ticks_of(head, segments)) {
-  for (const ScenePart& part : parts) latest_begin = std::max(latest_begin, part.begin_ticks);
-}
+      complete_ticks(complete_ticks_of(head, segments)),
+      latest_begin(latest_begin_of(head)) {}
 
 }  // namespace stgs

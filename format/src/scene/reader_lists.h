@@ -18,7 +18,7 @@ struct ReaderLists {
   SegmentTimes times;
   std::vector<ScenePart> parts;
   double complete_ticks = 0;  // the time up to which nothing is missing
-  double latest_begin = 0;    // of a part, ticks
+  double latest_begin = 0;    // of a part, ticks; not of ends
 };
 
 // SceneReader::ended_segments(), for the head of a file.

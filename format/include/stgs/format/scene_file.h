@@ -281,7 +281,7 @@ class SceneReader {
   const std::vector<SegmentInfo>& segments() const;
   // Returns the parts of the loaded segments. Valid until refresh() or load().
   const std::vector<ScenePart>& parts() const;
-  // Returns the latest beginning of a part, ticks; 0 if there is none.
+  // Returns the latest beginning of a part with more than ends, ticks; 0 if there is none.
   double latest_begin_ticks() const;
   // Returns the bytes of each attribute, in file order.
   std::vector<StreamInfo> streams() const;
