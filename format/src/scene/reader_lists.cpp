@@ -2,13 +2,29 @@
 #include "scene/reader_lists.h"
 
 #include <algorithm>
+#include <limits>
 #include <map>
 #include <set>
 
 namespace stgs {
 namespace {
 
-std::vector<SegmentInfo> segments_from(const FileHead& head) {
+constexpr std::uint32_t kNoNumber = std::numeric_limits<std::uint32_t>::max();
+
+// Returns the numbers of the parts in ReaderLists::parts. Parts that contain ends alone have none.
+std::vector<std::uint32_t> part_numbers(const FileHead& head) {
+  std::vector<std::uint32_t> out(head.parts.size(), kNoNumber);
+  for (const SegmentEntry& segment : head.index.segments) out[segment.part] = 0;
+  for (const FurtherEntry& further : head.index.further)
+    if (!is_ends(further.entry)) out[further.part] = 0;
+  std::uint32_t next = 0;
+  for (std::uint32_t& number : out)
+    if (number != kNoNumber) number = next++;
+  return out;
+}
+
+std::vector<SegmentInfo> segments_from(const FileHead& head,
+                                       const std::vector<std::uint32_t>& numbers) {
   std::vector<SegmentInfo> out;
   out.reserve(head.index.segments.size());
   const SegmentEntry* before = nullptr;
@@ -24,35 +40,26 @@ std::vector<SegmentInfo> segments_from(const FileHead& head) {
     }
     before = &segment;
     out.push_back({base.level, base.primitives, needed.begin, needed.end, base.offset, base.bytes,
-                   sh.offset, sh.bytes, segment.part,
+                   sh.offset, sh.bytes, numbers[segment.part],
                    static_cast<std::uint8_t>(tier_of(base.layer)), head.has(base), head.has(sh),
                    needed_at_end});
   }
   return out;
 }
 
-std::vector<ScenePart> parts_from(const FileHead& head) {
+std::vector<ScenePart> parts_from(const FileHead& head, const std::vector<std::uint32_t>& numbers) {
   std::vector<ScenePart> out;
-  for (const PartEntry& part : head.parts) {
+  for (std::size_t p = 0; p < head.parts.size(); ++p) {
+    if (numbers[p] == kNoNumber) continue;
+    const PartEntry& part = head.parts[p];
     const bool complete = part.displayed == TickRange{std::max(part.begin, 0.0), part.end};
     out.push_back(
         {part.begin, part.end, 0, complete ? std::nullopt : std::optional(part.displayed)});
   }
   for (const SegmentEntry& segment : head.index.segments) {
-    out[segment.part].primitives += segment.base.primitives;
+    out[numbers[segment.part]].primitives += segment.base.primitives;
   }
   return out;
-}
-
-// Returns the latest beginning of a part, except of those that contain ends alone, which may begin
-// at any time of a fragment.
-double latest_begin_of(const FileHead& head) {
-  double latest = 0;
-  const auto add = [&](std::uint32_t part) { latest = std::max(latest, head.parts[part].begin); };
-  for (const SegmentEntry& segment : head.index.segments) add(segment.part);
-  for (const FurtherEntry& further : head.index.further)
-    if (!is_ends(further.entry)) add(further.part);
-  return latest;
 }
 
 // Returns the time up to which nothing is missing.
@@ -114,11 +121,14 @@ void replace_segments(const ListedSegment& segment, std::span<const SegmentEnd> 
     head.available_bytes = std::max(head.available_bytes, record.offset + record.bytes);
 }
 
-ReaderLists::ReaderLists(const FileHead& head)
-    : segments(segments_from(head)),
+ReaderLists::ReaderLists(const FileHead& head) : ReaderLists(head, part_numbers(head)) {}
+
+ReaderLists::ReaderLists(const FileHead& head, const std::vector<std::uint32_t>& numbers)
+    : segments(segments_from(head, numbers)),
       times(segments, static_cast<double>(head.metadata.scene.frames)),
-      parts(parts_from(head)),
-      complete_ticks(complete_ticks_of(head, segments)),
-      latest_begin(latest_begin_of(head)) {}
+      parts(parts_from(head, numbers)),
+      complete_ticks(complete_ticks_of(head, segments)) {
+  for (const ScenePart& part : parts) latest_begin = std::max(latest_begin, part.begin_ticks);
+}
 
 }  // namespace stgs

@@ -16,9 +16,13 @@ struct ReaderLists {
 
   std::vector<SegmentInfo> segments;
   SegmentTimes times;
-  std::vector<ScenePart> parts;
-  double complete_ticks = 0;  // the time up to which nothing is missing
-  double latest_begin = 0;    // of a part, ticks; not of ends
+  std::vector<ScenePart> parts;  // without those that contain ends alone
+  double complete_ticks = 0;     // the time up to which nothing is missing
+  double latest_begin = 0;       // of a part, ticks
+
+ private:
+  // `numbers`: of the parts of the head in `parts`.
+  ReaderLists(const FileHead& head, const std::vector<std::uint32_t>& numbers);
 };
 
 // SceneReader::ended_segments(), for the head of a file.

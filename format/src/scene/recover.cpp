@@ -190,9 +190,6 @@ Result<Scene> recover_scene(const SceneReader& reader, const std::string& name,
     STGS_TRY(read_importance(reader, report, scene));
     scene.parts = reader.parts();
     if (report.segments > 0) remove_unreadable(reader, outcomes, scene);
-    // Parts of further records alone, such as ends.
-    auto listed = reader.parts().begin();
-    std::erase_if(scene.parts, [&](const ScenePart&) { return (listed++)->primitives == 0; });
     const ScenePart complete = {
         0, static_cast<double>(scene.metadata.frames), scene.gaussians.size(), {}};
     if (scene.parts == std::vector<ScenePart>{complete}) scene.parts.clear();

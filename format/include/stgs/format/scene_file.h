@@ -279,9 +279,9 @@ class SceneReader {
   // Returns the loaded segments: part after part if the index was loaded when the file was opened,
   // by offset in the file. Valid until refresh() or load().
   const std::vector<SegmentInfo>& segments() const;
-  // Returns the parts of the loaded segments. Valid until refresh() or load().
+  // Returns the parts of the loaded segments, without ends. Valid until refresh() or load().
   const std::vector<ScenePart>& parts() const;
-  // Returns the latest beginning of a part with more than ends, ticks; 0 if there is none.
+  // Returns the latest beginning of a part, ticks; 0 if there is none.
   double latest_begin_ticks() const;
   // Returns the bytes of each attribute, in file order.
   std::vector<StreamInfo> streams() const;
