@@ -58,4 +58,15 @@ FrameMemory::ImagePtr FrameMemory::mask(const std::string& camera, int frame) co
   return find(masks_, camera, frame);
 }
 
+void FrameMemory::set_points(Points points) {
+  auto shared = std::make_shared<const Points>(std::move(points));
+  const std::lock_guard lock(mutex_);
+  points_ = std::move(shared);
+}
+
+std::shared_ptr<const FrameMemory::Points> FrameMemory::points() const {
+  const std::lock_guard lock(mutex_);
+  return points_;
+}
+
 }  // namespace stgs::encoder

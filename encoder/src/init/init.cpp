@@ -17,6 +17,7 @@
 #include "init/velocity.h"
 #include "init/work.h"
 #include "plural.h"
+#include "stgs/encoder/frame_memory.h"
 
 namespace stgs::encoder {
 
@@ -276,8 +277,11 @@ ReportFacts facts_of(const State& state) {
   return facts;
 }
 
-Status write_all_points(const State& state) {
+Status hand_over_points(const State& state) {
   const std::string& folder = state.capture.folder;
+  if (state.capture.memory)
+    state.capture.memory->set_points({state.static_points, state.dynamic_points});
+  if (state.capture.memory_only) return {};
   STGS_TRY(write_points(folder + "/points_static.ply", state.static_points));
   return write_points(folder + "/points_dynamic.ply", state.dynamic_points);
 }
@@ -314,7 +318,7 @@ Status run(State& state) {
                                    state.masked, state.scene.points);
   for (const Finding& f : state.findings)
     if (!f.is_logged) state.work.log(fmt::format("{}; {}", f.text, f.remedy), 1);
-  STGS_TRY(write_all_points(state));
+  STGS_TRY(hand_over_points(state));
   if (state.settings.write_report) {
     state.work.stage("report");
     STGS_TRY(write_report(state.capture, state.views, state.scene, state.motion,
@@ -358,7 +362,7 @@ Status run_later(State& state, const StaticFindings& findings) {
   STGS_TRY(find_velocities(state));
   collect_points(state);
   state.static_points = findings.points;
-  STGS_TRY(write_all_points(state));
+  STGS_TRY(hand_over_points(state));
   log_timings(state);
   return {};
 }

@@ -56,7 +56,7 @@ struct StaticFindings;
 
 // Computes the initial points of `capture`. Reads frames/ and existing masks/ of the training
 // cameras; test cameras are never read. Writes the missing masks, points_static.ply,
-// points_dynamic.ply and report/. Sets near_plane, extent, scene_centre and scene_radius; the
+// points_dynamic.ply and report/; masks and points go to the memory of the capture, if it has one. Sets near_plane, extent, scene_centre and scene_radius; the
 // caller writes capture.json. Runs on all threads; the result does not depend on their number. A
 // capture without motion gets no dynamic points. Errors: an unreadable frame (with camera and
 // frame), an unwritable folder, a cancelled run (kRuntime). `findings` may be null.

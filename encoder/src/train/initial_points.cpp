@@ -3,6 +3,7 @@
 
 #include <filesystem>
 
+#include "stgs/encoder/frame_memory.h"
 #include "stgs/encoder/windows.h"
 #include "stgs/format/byte_source.h"
 
@@ -28,11 +29,17 @@ Result<std::vector<InitialPoint>> read_prepared_points(const PreparedCapture& ca
 Result<InitialPoints> read_initial_points(const PreparedCapture& capture, bool with_statics) {
   InitialPoints points;
   const std::string dynamic_path = capture.folder + "/points_dynamic.ply";
-  if (with_statics) {
-    STGS_ASSIGN(points.statics,
-                read_prepared_points(capture, capture.folder + "/points_static.ply"));
+  const auto known = capture.memory ? capture.memory->points() : nullptr;
+  if (known != nullptr) {
+    if (with_statics) points.statics = known->statics;
+    points.dynamics = known->dynamics;
+  } else {
+    if (with_statics) {
+      STGS_ASSIGN(points.statics,
+                  read_prepared_points(capture, capture.folder + "/points_static.ply"));
+    }
+    STGS_ASSIGN(points.dynamics, read_prepared_points(capture, dynamic_path));
   }
-  STGS_ASSIGN(points.dynamics, read_prepared_points(capture, dynamic_path));
   points.is_moving = !points.dynamics.empty();
   const int frames =
       capture.window ? static_cast<int>(capture.window->capture_frames) : capture.frames;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Frames and masks of a prepared capture in memory, so that the stages after its preparation do not
-// decode them again, or need no files at all.
+// Frames, masks and initial points of a prepared capture in memory, so that the stages after its
+// preparation do not decode them again, or need no files at all.
 #pragma once
 
 #include <cstdint>
@@ -19,6 +19,9 @@ namespace stgs::encoder {
 class FrameMemory {
  public:
   using ImagePtr = std::shared_ptr<const Image8>;
+  struct Points {
+    std::vector<InitialPoint> statics, dynamics;
+  };
 
   // Returns the bytes that the frames and masks of these cameras take.
   static std::uint64_t bytes_of(const std::vector<Camera>& cameras, int frames);
@@ -35,12 +38,17 @@ class FrameMemory {
   ImagePtr mask(const std::string& camera, int frame) const;
   ImagePtr still(const std::string& camera) const;
 
+  void set_points(Points points);
+  // Returns null before set_points().
+  std::shared_ptr<const Points> points() const;
+
  private:
   using Images = std::map<std::pair<std::string, int>, ImagePtr>;
 
   mutable std::mutex mutex_;
   Images frames_, masks_;
   std::map<std::string, ImagePtr> still_;
+  std::shared_ptr<const Points> points_;
 };
 
 }  // namespace stgs::encoder

@@ -73,8 +73,8 @@ struct PreparedCapture {
   // Set if this object describes a window of the capture (windows.h). Frame 0 is then the first
   // frame of the window, for frame_path and mask_path too.
   std::optional<CaptureWindow> window;
-  // Not stored. Frames and masks that are in memory, not owned by the folder; null: none. With
-  // `memory_only` there are no files of them.
+  // Not stored. Frames, masks and points that are in memory, not owned by the folder; null: none.
+  // With `memory_only` there are no files of them.
   std::shared_ptr<FrameMemory> memory;
   bool memory_only = false;
   // Not stored. If set, load_frame() has this RGB colour where a mask is below kMinMask.
