@@ -7,6 +7,7 @@ from segment import open_record
 
 LAYER = 3 * 256
 MOST = 1 << 20  # ends of a record
+ISSUE = 319  # of whatever is wrong with a record of ends (conformance.md 2)
 
 
 @dataclass
@@ -35,34 +36,34 @@ def is_ends(record):
 
 
 def read_ends(file, run, segment, record):
-    """Returns the Ends of a record. Refuses it with number 319 whatever is wrong."""
+    """Returns the Ends of a record."""
     try:
-        need(file.flags & 2 == 2, "5.9", 319, "ends in a file without flag 1")
+        need(file.flags & 2 == 2, "5.9", ISSUE, "ends in a file without flag 1")
         check_available(file.data, record.offset, record.bytes)
         f = open_record(file, segment, record)
-        f.clause, f.issue = "5.9", 319
+        f.clause, f.issue = "5.9", ISSUE
         return Ends(run.begin, read_lists(f))
     except Refused as error:
-        raise Refused(error.clause, 319, str(error)) from None
+        raise Refused(error.clause, ISSUE, str(error)) from None
 
 
 def read_lists(f):
     count = f.number()
-    need(count >= 1, "5.9", 319, "no lists")
+    need(count >= 1, "5.9", ISSUE, "no lists")
     lists, total = [], 0
     for _ in range(count):
         part, place, tier, time, n = [f.number() for _ in range(5)]
-        need(part < 1 << 32 and place < 1 << 37 and tier < 256 and time < 1 << 32, "5.9", 319, "a number out of range")
+        need(part < 1 << 32 and place < 1 << 37 and tier < 256 and time < 1 << 32, "5.9", ISSUE, "a number out of range")
         total += n
-        need(n >= 1 and total <= MOST, "5.9", 319, f"{n} ends")
-        need(n <= f.left(), "5.9", 319, f"{n} ends do not fit")
+        need(n >= 1 and total <= MOST, "5.9", ISSUE, f"{n} ends")
+        need(n <= f.left(), "5.9", ISSUE, f"{n} ends do not fit")
         primitives, after = [], -1
         for _ in range(n):
             after += f.number() + 1
             primitives.append(after)
-        need(after < 1 << 32, "5.9", 319, f"primitive {after}")
+        need(after < 1 << 32, "5.9", ISSUE, f"primitive {after}")
         lists.append(List(part, place, tier, time, primitives))
-        need(len(lists) == 1 or lists[-2].key() < lists[-1].key(), "5.9", 319, "lists out of order")
+        need(len(lists) == 1 or lists[-2].key() < lists[-1].key(), "5.9", ISSUE, "lists out of order")
     return lists
 
 
