@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from fields import Fields, Refused, check_available, need
 from segment import open_record
 
-LAYER = 3 * 256
 MOST = 1 << 20  # ends of a record
 ISSUE = 319  # of whatever is wrong with a record of ends (conformance.md 2)
 

@@ -26,8 +26,8 @@ def payload(*lists, level=-1, layer=LAYER, slot=0, count=None, after=b""):
     return head + b"".join(lists) + after
 
 
-def ends_run(content, begin=10.0, part=1, end=LAST, **more):
-    return Run([Segment(-1, 0, [], further=[(LAYER, content)], **more)], begin, end, part=part)
+def ends_run(content, begin=10.0, part=1, end=LAST, layer=LAYER, **more):
+    return Run([Segment(-1, 0, [], further=[(layer, content)], **more)], begin, end, part=part)
 
 
 def primitives_run(n=6, tiers=1):
@@ -66,6 +66,10 @@ def valid_ends():
         payload(SOME, one_list(0, 0, 1, 3, 0))), validator=[319])
     vector("ends_unknown_part", "5.9", "ends of a part that does not exist have no effect", with_ends(
         payload(SOME, one_list(7, 0, 0, 3, 0))), validator=[319])
+    greatest = one_list((1 << 32) - 1, (1 << 37) - 1, 255, (1 << 32) - 1, (1 << 32) - 1)
+    vector("ends_greatest", "5.9", "the greatest numbers of a list", with_ends(payload(SOME, greatest)), validator=[319])
+    vector("ends_last_layer", "5.9", "layer 1023 is one of content 3", with_ends(
+        payload(SOME, layer=LAYER + 255), layer=LAYER + 255))
     vector("ends_too_short", "5.9", "the part of the ends ends before the scene", with_ends(payload(SOME), end=20.0),
            validator=[319])
 
