@@ -101,6 +101,18 @@ TEST_CASE("windows share static content, and an interrupted encoding resumes to 
     std::filesystem::copy(fmt::format("{}/persistent-{:06}.set", twice, (k + 1) * kWindow),
                           twice + "/persistent-000001.set");
   }
+  // Of a run that was killed between a fragment and its set, the fragment is encoded again.
+  const std::string thrice = new_folder(synthetic, "thrice"), last = complete.folder + "/last.stgs";
+  for (int k = 0; k < 2; ++k) encode_next(*open(thrice, settings_of()), complete);
+  namespace fs = std::filesystem;
+  const std::string before = thrice + "/persistent-000012.set";
+  fs::copy_file(before, thrice + "/kept");
+  encode_next(*open(thrice, settings_of()), complete);
+  fs::remove(thrice + "/persistent-000018.set");
+  fs::rename(thrice + "/kept", before);
+  CHECK(open(thrice, settings_of())->frames() == 2 * kWindow);
+  encode_next(*open(thrice, settings_of()), complete);
+  REQUIRE(open(thrice, settings_of())->finish(last).ok());
   CHECK(StreamEncoder::open(twice, settings_of("another")).status().code() == StatusCode::kUsage);
   StreamSettings other = settings_of();
   other.train.seed = 5;
@@ -115,6 +127,7 @@ TEST_CASE("windows share static content, and an interrupted encoding resumes to 
     return out;
   };
   CHECK(bytes(output) == bytes(again));
+  CHECK(bytes(output) == bytes(last));
 
   const auto whole = train(complete, test::short_run(240), nullptr, nullptr, nullptr);
   REQUIRE(whole.ok());
@@ -139,10 +152,13 @@ TEST_CASE("later windows leave the stored primitives as they are, to the bit") {
   const TrainState before = *set.state();
   REQUIRE(before.count_fixed() > 50);
   const std::string path = synthetic.capture.folder + "/a.set";
+  set.set_recorded(std::vector<StoredPrimitive>(set.size(), {7, 1}), 100);
   REQUIRE(set.write(path).ok());
   auto read = PersistentSet::read(path);
   INFO(read.status().message());
   REQUIRE(read.ok());
+  CHECK(read->recorded().primitives == set.recorded().primitives);
+  CHECK(read->recorded().bytes == 100);
   REQUIRE(train(*second, settings, nullptr, nullptr, nullptr, {&*read, nullptr}).ok());
   const TrainState& after = *read->state();
   REQUIRE(after.size() >= before.count_fixed());

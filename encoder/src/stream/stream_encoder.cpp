@@ -48,6 +48,7 @@ std::string StreamEncoder::set_path(int frames) const {
 RecordSettings StreamEncoder::record_settings() const {
   RecordSettings out;
   out.sync = settings_.resumable;
+  out.ends = true;
   const PackSettings& pack = settings_.pack;
   out.write.profile = pack.profile;
   if (pack.quality > 0) out.write.quality = pack.quality;
@@ -89,6 +90,13 @@ std::vector<fs::path> list_sets(const std::string& folder) {
   return sets;
 }
 
+// Returns the path of the persistent set of the latest complete window, empty if there is none.
+std::string newest_set(const std::string& folder) {
+  std::string newest;
+  for (const fs::path& path : list_sets(folder)) newest = std::max(newest, path.string());
+  return newest;
+}
+
 }  // namespace
 
 Result<std::unique_ptr<StreamEncoder>> StreamEncoder::open(const std::string& folder,
@@ -127,8 +135,8 @@ Result<std::unique_ptr<StreamEncoder>> StreamEncoder::open(const std::string& fo
         "command to complete it, or remove the folder",
         folder);
   }
-  // A set is written before the first fragment, so without one there is none.
-  if (list_sets(folder).empty()) {
+  // Without a set, the first window was not completed.
+  if (newest_set(folder).empty()) {
     fs::remove(encoder->recording_path(), ignored);
     return encoder;
   }
@@ -137,17 +145,22 @@ Result<std::unique_ptr<StreamEncoder>> StreamEncoder::open(const std::string& fo
 }
 
 Status StreamEncoder::resume() {
+  STGS_ASSIGN(set_, PersistentSet::read(newest_set(folder_)));
   STGS_ASSIGN(recorder_, SceneRecorder::resume(recording_path(), record_settings()));
-  if (frames() == 0) {  // the first fragment was not completed
+  if (recorder_->bytes() > set_.recorded().bytes) {  // the set of the last fragment is missing
     recorder_.reset();
-    std::error_code ignored;
-    fs::remove(recording_path(), ignored);
-    return {};
+    std::error_code error;
+    fs::resize_file(recording_path(), set_.recorded().bytes, error);
+    if (error) return io_error("{}: cannot be truncated: {}", recording_path(), error.message());
+    STGS_ASSIGN(recorder_, SceneRecorder::resume(recording_path(), record_settings()));
   }
-  STGS_ASSIGN(set_, PersistentSet::read(set_path(frames())));
+  if (recorder_->bytes() != set_.recorded().bytes) {
+    return invalid_file("{}: damaged (expected {} bytes, got {}); remove {} and encode again",
+                        recording_path(), set_.recorded().bytes, recorder_->bytes(), folder_);
+  }
   STGS_ASSIGN(const PreparedCapture first, read_prepared_capture(folder_));
   take_bounds(first);
-  // A killed process can leave the set of the window before or after.
+  // A killed process can leave the set of the window before.
   std::error_code ignored;
   for (const fs::path& path : list_sets(folder_)) {
     if (path != set_path(frames())) fs::remove(path, ignored);
@@ -206,15 +219,16 @@ Result<StreamWindow> StreamEncoder::encode_window(PreparedCapture window,
               train(window, train_settings, progress, log, &out.training, {&set, &backend_}));
   if (!recorder_) STGS_TRY(create_recording(scene));
   const std::uint64_t bytes = recorder_->bytes(), primitives = recorder_->primitives();
-  // Before the fragment, so that the set of each fragment exists.
   const int before = frames(), after = before + window.frames;
+  STGS_TRY(append(scene, window.frames, set));
+  // After the fragment, which a resumed run encodes again if it lacks the set.
   if (settings_.resumable) STGS_TRY(set.write(set_path(after)));
-  STGS_TRY(append(scene, window.frames));
   set_ = std::move(set);
   std::error_code ignored;
   fs::remove(set_path(before), ignored);
   out.primitives = recorder_->primitives() - primitives;
   out.persistent = set_.size();
+  out.ended = set_.ends().size();
   out.bytes = recorder_->bytes() - bytes;
   return out;
 }
@@ -229,7 +243,7 @@ Status StreamEncoder::create_recording(const Scene& scene) {
   return {};
 }
 
-Status StreamEncoder::append(const Scene& scene, int frames) {
+Status StreamEncoder::append(const Scene& scene, int frames, PersistentSet& set) {
   const Gaussians4D moving = primitives_of(scene, 0), persistent = primitives_of(scene, 1);
   const std::span<const float> importance = scene.importance;
   const auto begin = static_cast<std::uint32_t>(this->frames());
@@ -243,15 +257,23 @@ Status StreamEncoder::append(const Scene& scene, int frames) {
     for (FragmentPart& part : parts) part.quality = scene.quantisation->quality;
     if (moving.size() > 0) parts[0].steps = &*scene.quantisation;
   }
-  return recorder_->append(parts, begin + static_cast<std::uint32_t>(frames));
+  // Primitives are displayed in the frame of their end.
+  std::vector<PrimitiveEnd> ends = set.ends();
+  std::erase_if(ends, [](const PrimitiveEnd& end) { return end.primitive.record == 0; });
+  for (PrimitiveEnd& end : ends) end.frame += begin - 1;
+  std::vector<std::vector<StoredPrimitive>> stored;
+  STGS_TRY(recorder_->append(parts, ends, begin + static_cast<std::uint32_t>(frames), &stored));
+  set.set_recorded(stored[1], recorder_->bytes());
+  return {};
 }
 
 Status StreamEncoder::skip(int frames) {
   if (!recorder_) return usage_error("{}: no window has been encoded", recording_path());
   const int before = this->frames(), after = before + frames;
-  if (settings_.resumable) STGS_TRY(set_.write(set_path(after)));
   STGS_TRY(recorder_->append(std::span<const FragmentPart>(), static_cast<std::uint32_t>(after)));
   set_ = set_.without_moving();
+  set_.set_recorded({}, recorder_->bytes());
+  if (settings_.resumable) STGS_TRY(set_.write(set_path(after)));
   std::error_code ignored;
   fs::remove(set_path(before), ignored);
   return {};

@@ -17,7 +17,7 @@ namespace stgs::encoder {
 namespace {
 
 // The last byte is the layout version; the others never change.
-constexpr char kMagic[8] = {'S', 'T', 'G', 'S', 'C', 'K', 'P', '7'};
+constexpr char kMagic[8] = {'S', 'T', 'G', 'S', 'C', 'K', 'P', '8'};
 constexpr std::size_t kLayout = sizeof(kMagic) - 1;
 
 class Writer {
@@ -79,7 +79,8 @@ class Reader {
     v.resize(n);
     take(v.data(), n * sizeof(T));
   }
-  bool complete() const { return !failed_ && left_.empty(); }
+  bool ok() const { return !failed_; }
+  bool complete() const { return ok() && left_.empty(); }
 
  private:
   void take(void* to, std::size_t n) {
@@ -162,6 +163,41 @@ void visit_state(State& state, Archive& archive) {
   visit_compaction(state.compaction, archive);
 }
 
+// A RecordedSet as a file has it.
+struct RecordedArrays {
+  std::uint64_t bytes = 0;
+  std::vector<std::uint64_t> records;
+  std::vector<std::uint32_t> indices;
+
+  template <typename Archive>
+  void visit(Archive& archive) {
+    archive.value(bytes);
+    archive.array(records);
+    archive.array(indices);
+  }
+};
+
+void write_recorded(const RecordedSet& recorded, Writer& writer) {
+  RecordedArrays arrays;
+  arrays.bytes = recorded.bytes;
+  for (const StoredPrimitive& primitive : recorded.primitives) {
+    arrays.records.push_back(primitive.record);
+    arrays.indices.push_back(primitive.index);
+  }
+  arrays.visit(writer);
+}
+
+// Returns whether the arrays match.
+bool read_recorded(Reader& reader, RecordedSet& recorded) {
+  RecordedArrays arrays;
+  arrays.visit(reader);
+  if (arrays.records.size() != arrays.indices.size()) return false;
+  recorded.bytes = arrays.bytes;
+  for (std::size_t k = 0; k < arrays.records.size(); ++k)
+    recorded.primitives.push_back({arrays.records[k], arrays.indices[k]});
+  return true;
+}
+
 // Allocates the arrays that the coupled form determines and a checkpoint therefore omits.
 void restore_derived(TrainState& state) {
   if (!state.is_coupled()) return;
@@ -237,11 +273,15 @@ bool is_consistent(const TrainState& state) {
 }  // namespace
 
 Status write_checkpoint(const std::string& path, const TrainState& state,
-                        const Fingerprint& fingerprint) {
+                        const Fingerprint& fingerprint, const RecordedSet& recorded,
+                        const std::vector<std::vector<std::uint8_t>>& residuals) {
   Writer writer;
   writer.bytes.assign(kMagic, kMagic + sizeof(kMagic));
   writer.array(fingerprint_text(fingerprint));
   visit_state(state, writer);
+  write_recorded(recorded, writer);
+  writer.value(static_cast<std::uint32_t>(residuals.size()));
+  for (const std::vector<std::uint8_t>& residual : residuals) writer.array(residual);
   writer.value(static_cast<std::uint64_t>(XXH3_64bits(writer.bytes.data(), writer.bytes.size())));
   return write_file_atomically(path, writer.bytes);
 }
@@ -297,7 +337,12 @@ Result<Checkpoint> read_checkpoint(const std::string& path) {
   TrainState& state = checkpoint.state;
   visit_state(state, reader);
   restore_derived(state);
-  if (!reader.complete() || !is_consistent(state)) {
+  const bool matches = read_recorded(reader, checkpoint.recorded);
+  std::uint32_t views = 0;
+  reader.value(views);
+  for (std::uint32_t v = 0; v < views && reader.ok(); ++v)
+    reader.array(checkpoint.residuals.emplace_back());
+  if (!matches || !reader.complete() || !is_consistent(state)) {
     return invalid_file("{}: damaged checkpoint (inconsistent array sizes)", path);
   }
   if (state.is_coupled()) state.derive_all(false);

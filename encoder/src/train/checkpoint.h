@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <string>
 
+#include "stgs/encoder/persistent_set.h"
 #include "stgs/encoder/prepared_capture.h"
 #include "stgs/format/status.h"
 #include "train/fingerprint.h"
@@ -16,11 +17,15 @@ namespace stgs::encoder {
 struct Checkpoint {
   TrainState state;
   Fingerprint fingerprint;  // of the run that wrote it
+  // Of a persistent set, see there.
+  RecordedSet recorded;
+  std::vector<std::vector<std::uint8_t>> residuals;
 };
 
 // Writes to a temporary name, then renames. kIo on failure.
 Status write_checkpoint(const std::string& path, const TrainState& state,
-                        const Fingerprint& fingerprint);
+                        const Fingerprint& fingerprint, const RecordedSet& recorded = {},
+                        const std::vector<std::vector<std::uint8_t>>& residuals = {});
 
 // Reads a checkpoint. kInvalidFile if it is damaged, kUnsupported if it has the layout of another
 // version. check_same_run() checks that it belongs to the run.

@@ -15,6 +15,7 @@
 #include "train/densify.h"
 #include "train/foreground.h"
 #include "train/initial_points.h"
+#include "train/persistence.h"
 #include "train/random.h"
 #include "train/rig.h"
 #include "train/scene_background.h"
@@ -25,9 +26,11 @@ namespace {
 constexpr double kInitialFraction = 0.6;  // of max_primitives; densification adds the rest
 constexpr double kDynamicFraction =
     0.5;  // of the initial primitives, at most, if both kinds are plentiful
+constexpr double kChangedPointShare = 0.1;  // of max_primitives: points of changed static content
 constexpr int kNeighbours = 3;
-constexpr float kFlatness = 0.2f;   // thickness of an initial disc relative to its radius
-constexpr double kFarShare = 0.01;  // of the initial primitives: there is a far background
+constexpr float kFlatness = 0.2f;    // thickness of an initial disc relative to its radius
+constexpr float kBeginSigma = 0.5f;  // of static content that begins within a window, frames
+constexpr double kFarShare = 0.01;   // of the initial primitives: there is a far background
 // For everything that all windows of a capture share, independent of their seeds.
 constexpr std::uint64_t kSharedSeed = 0;
 
@@ -83,14 +86,21 @@ void subsample(std::vector<InitialPoint>& points, std::size_t limit, Random rand
   points = std::move(selected);
 }
 
-// `persistent`: the persistent set, which replaces the static points, or null.
+// The persistent set of a window after the first, and how its content has changed.
+struct Persistent {
+  const TrainState& state;
+  const SceneChanges& changes;
+};
+
+// `persistent`: null before the second window. Otherwise static points are those of its changes.
 Result<std::vector<InitialPoint>> load_points(const PreparedCapture& capture,
                                               const HyperParameters& parameters,
                                               const Ablation& ablation, std::uint64_t seed,
-                                              const TrainState* persistent) {
+                                              const Persistent* persistent) {
   STGS_ASSIGN(InitialPoints read, read_initial_points(capture, persistent == nullptr));
   std::vector<InitialPoint>& static_points = read.statics;
   std::vector<InitialPoint>& dynamic_points = read.dynamics;
+  if (persistent != nullptr) static_points = persistent->changes.points;
   if (capture.mask_background) STGS_TRY(keep_foreground(full_capture(capture), static_points));
   if (!ablation.initialisation) {
     if (!read.is_moving) {
@@ -107,9 +117,9 @@ Result<std::vector<InitialPoint>> load_points(const PreparedCapture& capture,
   // Relocation adds none.
   const double fraction =
       ablation.densification == Densification::kRelocation ? 1.0 : kInitialFraction;
-  const std::size_t fixed = persistent == nullptr ? 0 : persistent->count_fixed();
+  const std::size_t fixed = persistent == nullptr ? 0 : persistent->state.count_fixed();
   const std::size_t limit = max_trained(parameters, fixed);
-  const std::size_t candidates = persistent == nullptr ? 0 : persistent->size() - fixed;
+  const std::size_t candidates = persistent == nullptr ? 0 : persistent->state.size() - fixed;
   const auto budget = std::max(
       std::size_t{1}, static_cast<std::size_t>(
                           fraction * static_cast<double>(limit - std::min(limit, candidates))));
@@ -173,11 +183,23 @@ void set_primitive(const InitialPoint& point, float scale, const PreparedCapture
   for (int c = 0; c < 3; ++c) state.velocity[3 * i + c] = point.velocity[c] * gain;
 }
 
+// Makes the primitives of static points visible from a frame on, if it is not the first.
+void begin_at(int first, int frames, const std::vector<InitialPoint>& points, TrainState& state) {
+  if (first <= 0) return;
+  const float half = 0.5f * static_cast<float>(frames - 1 - first);
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    if (points[i].frame >= 0) continue;
+    state.set.time[i] = static_cast<float>(first) + half;
+    state.set.radius[i] = half;
+    state.log_sigma[i] = std::log(kBeginSigma);
+  }
+}
+
 // Returns the initial state without its background.
 Result<TrainState> initial_points_state(const PreparedCapture& capture,
                                         const HyperParameters& parameters, const Ablation& ablation,
                                         std::uint64_t seed,
-                                        const TrainState* persistent = nullptr) {
+                                        const Persistent* persistent = nullptr) {
   STGS_ASSIGN(const std::vector<InitialPoint> points,
               load_points(capture, parameters, ablation, seed, persistent));
   std::map<int, std::vector<std::uint32_t>> by_frame;
@@ -209,6 +231,7 @@ Result<TrainState> initial_points_state(const PreparedCapture& capture,
   state.colour_first.assign(training_cameras, ColourMap{});
   state.colour_second.assign(training_cameras, ColourMap{});
   state.colour_updates.assign(training_cameras, 0);
+  if (persistent != nullptr) begin_at(persistent->changes.settled, capture.frames, points, state);
   state.derive_all(ablation.modulation);
   if (!ablation.representation) {
     // The unit of time is the second, as in 4DGS. In frames, a rotation step would move long-lived
@@ -252,19 +275,26 @@ TrainState joined(const TrainState& first, const TrainState& second) {
 
 Result<TrainState> initial_state(const PreparedCapture& capture, const HyperParameters& parameters,
                                  const Ablation& ablation, std::uint64_t seed,
-                                 const TrainState* persistent) {
-  if (persistent != nullptr) {
-    const Status same = check_state("", *persistent, capture, parameters.sh_degree,
-                                    !ablation.representation, !persistent->cameras.empty());
+                                 const PersistentSet* persistent, SceneChanges* changes) {
+  if (persistent != nullptr && persistent->state() != nullptr) {
+    const TrainState& stored = *persistent->state();
+    const Status same = check_state("", stored, capture, parameters.sh_degree,
+                                    !ablation.representation, !stored.cameras.empty());
     if (!same.ok()) {
       return invalid_file(
           "{}: the persistent set of the previous window belongs to another run; remove the work "
           "folder and encode again",
           capture.folder);
     }
+    const auto most = static_cast<std::size_t>(kChangedPointShare * parameters.max_primitives);
+    STGS_ASSIGN(*changes,
+                find_changes(capture, stored, persistent->residuals(), parameters.kernel, most));
+    const Persistent set{stored, *changes};
     STGS_ASSIGN(const TrainState fresh,
-                initial_points_state(capture, parameters, ablation, seed, persistent));
-    return joined(*persistent, fresh);
+                initial_points_state(capture, parameters, ablation, seed, &set));
+    TrainState state = joined(stored, fresh);
+    for (const EndedPrimitive& ended : changes->ended) end_at(state, ended.index, ended.frame);
+    return state;
   }
   STGS_ASSIGN(TrainState state, initial_points_state(capture, parameters, ablation, seed));
   if (parameters.seen_background != 0 && !capture.mask_background) {

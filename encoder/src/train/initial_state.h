@@ -4,9 +4,11 @@
 
 #include <cstdint>
 
+#include "stgs/encoder/persistent_set.h"
 #include "stgs/encoder/prepared_capture.h"
 #include "train/ablation.h"
 #include "train/hyper_parameters.h"
+#include "train/scene_changes.h"
 #include "train/train_state.h"
 
 namespace stgs::encoder {
@@ -18,13 +20,15 @@ namespace stgs::encoder {
 //   more dynamic points.
 // - The background is estimated for the complete capture, independent of window and seed (except
 //   for rounding, because the initial scene is rendered to estimate it).
-// - `persistent`: the state of the persistent set, or null before the first window. Its primitives
+// - `persistent`: the persistent set of a window, or null; empty for the first one. Its primitives
 //   come first; they replace the static points. Background, colours and cameras are those of the
-//   set.
+//   set. `changes`, not null then, receives the changes of static content; primitives that end are
+//   visible until then, and static points are those of the changes.
 // kUsage if the initialisation is ablated but the capture has no dynamic points; kInvalidFile if
 // the set belongs to another run.
 Result<TrainState> initial_state(const PreparedCapture& capture, const HyperParameters& parameters,
                                  const Ablation& ablation, std::uint64_t seed,
-                                 const TrainState* persistent = nullptr);
+                                 const PersistentSet* persistent = nullptr,
+                                 SceneChanges* changes = nullptr);
 
 }  // namespace stgs::encoder

@@ -24,6 +24,9 @@ constexpr float kMinCarriedOpacity = 0.05f;
 // Sigma of such a primitive, frames: it covers the first part of the window, until points of the
 // window itself do.
 constexpr float kCarriedSigma = 8;
+// Sigma of a persistent primitive, frames: if it ends, it is not visible a frame later.
+constexpr float kEndSigma = 0.25f;
+constexpr int kEndMargin = 8;  // frames before a window at which an ending primitive begins
 
 float visibility_at(const Gaussians4D& set, std::size_t i, float ticks) {
   return math::visibility(ticks - set.time[i], set.sigma[i], set.radius[i]);
@@ -31,7 +34,7 @@ float visibility_at(const Gaussians4D& set, std::size_t i, float ticks) {
 
 }  // namespace
 
-std::vector<std::uint32_t> list_persistent(const TrainState& state, int frames) {
+std::vector<std::uint32_t> list_persistent(const TrainState& state, int frames, int first) {
   std::vector<std::uint32_t> out;
   if (state.is_coupled()) return out;
   const Gaussians4D& set = state.set;
@@ -43,9 +46,9 @@ std::vector<std::uint32_t> list_persistent(const TrainState& state, int frames) 
       const float* s = &set.log_scale[3 * i];
       const float moved = std::hypot(u[0], u[1], u[2]) * last;
       const float size = std::exp((s[0] + s[1] + s[2]) / 3.0f);
-      const bool stays =
-          std::min(visibility_at(set, i, 0.0f), visibility_at(set, i, last)) >= kMinVisibility &&
-          moved <= kMaxDisplacement * size;
+      const bool stays = std::min(visibility_at(set, i, static_cast<float>(first)),
+                                  visibility_at(set, i, last)) >= kMinVisibility &&
+                         moved <= kMaxDisplacement * size;
       if (!stays || state.updates[i] < min_updates) continue;
     }
     out.push_back(static_cast<std::uint32_t>(i));
@@ -160,12 +163,12 @@ void carry(TrainState& state, std::size_t i, int frames) {
   for (std::size_t c = 0; c < 3; ++c) state.velocity[3 * i + c] = f * set.velocity[3 * i + c];
 }
 
-void persist(TrainState& state, std::size_t i, int frames) {
+void persist(TrainState& state, std::size_t i, int first, int frames) {
   Gaussians4D& set = state.set;
   double visible = 0;
-  for (int f = 0; f < frames; ++f) visible += visibility_at(set, i, static_cast<float>(f));
+  for (int f = first; f < frames; ++f) visible += visibility_at(set, i, static_cast<float>(f));
   const double opacity =
-      std::min(math::opacity_of(set.opacity_logit[i]) * visible / frames, kMaxOpacity);
+      std::min(math::opacity_of(set.opacity_logit[i]) * visible / (frames - first), kMaxOpacity);
   set.opacity_logit[i] = static_cast<float>(std::log(opacity / (1.0 - opacity)));
   const float middle = 0.5f * static_cast<float>(frames - 1);
   for (std::size_t c = 0; c < 3; ++c) {
@@ -174,8 +177,14 @@ void persist(TrainState& state, std::size_t i, int frames) {
   }
   set.time[i] = middle;
   set.radius[i] = kPersistentRadius;
-  set.sigma[i] = 1.0f;
-  state.log_sigma[i] = 0.0f;
+  set.sigma[i] = kEndSigma;
+  state.log_sigma[i] = std::log(kEndSigma);
+}
+
+void end_at(TrainState& state, std::size_t i, int frame) {
+  // From before the first frame, because cameras may be late, to the frame before.
+  state.set.time[i] = 0.5f * static_cast<float>(frame - 1 - kEndMargin);
+  state.set.radius[i] = 0.5f * static_cast<float>(frame - 1 + kEndMargin);
 }
 
 }  // namespace stgs::encoder

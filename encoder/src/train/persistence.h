@@ -20,10 +20,16 @@ inline constexpr float kPersistentRadius = 4e6f;
 // and trained further in the next window.
 inline constexpr double kMinStoredShare = 0.02;
 
+// Returns whether a primitive was made static by persist(): stored, or a candidate.
+inline bool is_persistent(const TrainState& state, std::size_t i) {
+  return state.is_fixed(i) || state.set.radius[i] >= kPersistentRadius;
+}
+
 // Lists the primitives of a window of `frames` frames, of the paper's representation, that persist,
 // fixed ones included: those that hardly move and fade within it, and that enough views have
-// trained. The state's times count from the first frame.
-std::vector<std::uint32_t> list_persistent(const TrainState& state, int frames);
+// trained. The state's times count from the first frame. `first`: frame from which on they need to
+// be visible.
+std::vector<std::uint32_t> list_persistent(const TrainState& state, int frames, int first = 0);
 
 // Reduces a list of primitives to those at places that are still (FrameMemory::still()) in at least
 // half of the training cameras that they project into. All of them if the capture does not state
@@ -34,7 +40,7 @@ std::vector<std::uint32_t> list_still(const PreparedCapture& capture, const Gaus
 // Returns the state that the next window starts from: the primitives of `persistent`, then
 // `carried`, with the colours and cameras of a trained state. Those of `stored` are fixed, and
 // those that were; those of `carried` are moved to the next window, after one of `frames` frames.
-// The lists ascend; the first two have nothing in common.
+// `carried` and `stored` ascend; `persistent` and `carried` have nothing in common.
 TrainState persistent_state(const TrainState& trained, const std::vector<std::uint32_t>& persistent,
                             const std::vector<std::uint32_t>& carried,
                             const std::vector<std::uint32_t>& stored, int frames);
@@ -53,7 +59,11 @@ std::vector<std::uint32_t> list_carried(const TrainState& state, int frames,
 // initial point there.
 void carry(TrainState& state, std::size_t i, int frames);
 
-// Makes primitive i static, and visible at all times as it is on average in the window.
-void persist(TrainState& state, std::size_t i, int frames);
+// Makes primitive i static, and visible at all times as it is on average in frames [first, frames)
+// of the window.
+void persist(TrainState& state, std::size_t i, int first, int frames);
+
+// Ends the lifespan of a persistent primitive before a frame of the window.
+void end_at(TrainState& state, std::size_t i, int frame);
 
 }  // namespace stgs::encoder

@@ -21,11 +21,16 @@ Result<PersistentSet> PersistentSet::read(const std::string& path) {
     return invalid_file("{}: this is a checkpoint of 'stgs train' (expected a persistent set)",
                         path);
   }
-  return PersistentSet(std::make_shared<const TrainState>(std::move(file.state)), false);
+  if (file.recorded.primitives.size() != file.state.count_fixed())
+    return invalid_file("{}: damaged (expected {} stored primitives, got {})", path,
+                        file.state.count_fixed(), file.recorded.primitives.size());
+  return PersistentSet(std::make_shared<const TrainState>(std::move(file.state)), false,
+                       std::move(file.recorded), std::move(file.residuals));
 }
 
 Status PersistentSet::write(const std::string& path) const {
-  return write_checkpoint(path, state_ ? *state_ : TrainState(), kind_of_set());
+  return write_checkpoint(path, state_ ? *state_ : TrainState(), kind_of_set(), recorded_,
+                          residuals_);
 }
 
 std::size_t PersistentSet::size() const {
@@ -36,12 +41,12 @@ PersistentSet PersistentSet::without_moving() const {
   if (!state_ || !carries_moving_) return *this;
   std::vector<std::uint32_t> kept;
   for (std::size_t i = 0; i < state_->size(); ++i) {
-    if (state_->is_fixed(i) || state_->set.radius[i] >= kPersistentRadius)
-      kept.push_back(static_cast<std::uint32_t>(i));
+    if (is_persistent(*state_, i)) kept.push_back(static_cast<std::uint32_t>(i));
   }
   TrainState state = *state_;
   state.retain(kept);
-  return PersistentSet(std::make_shared<const TrainState>(std::move(state)), true);
+  return PersistentSet(std::make_shared<const TrainState>(std::move(state)), true, recorded_,
+                       residuals_);
 }
 
 }  // namespace stgs::encoder

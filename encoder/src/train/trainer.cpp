@@ -80,8 +80,8 @@ Result<std::unique_ptr<Trainer>> Trainer::create(const PreparedCapture& capture,
 Status Trainer::prepare_state() {
   STGS_TRY(prepare_priors());
   if (settings_.resume.empty()) {
-    STGS_ASSIGN(state_, initial_state(capture_, growth_, ablation_, settings_.seed,
-                                      persistent_ == nullptr ? nullptr : persistent_->state()));
+    STGS_ASSIGN(state_, initial_state(capture_, growth_, ablation_, settings_.seed, persistent_,
+                                      &changes_));
   } else {
     STGS_TRY(resume());
   }
@@ -102,6 +102,7 @@ Status Trainer::prepare_state() {
                         state_.size(), growth_.max_primitives, capture_.folder));
   }
   fixed_ = state_.count_fixed();
+  ends_ = ends_of_fixed(state_, changes_);
   STGS_TRY(prepare_cameras());
   evaluations_done_ = evaluations_due();
   return {};

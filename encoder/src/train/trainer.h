@@ -159,6 +159,8 @@ class Trainer {
   int evaluations_due() const;
 
   const PersistentSet* persistent_ = nullptr;  // null: not a window of a longer capture
+  SceneChanges changes_;                       // of the persistent set in this window
+  std::vector<int> ends_;                      // of each fixed primitive: the frame, or -1
   std::vector<std::uint32_t> stored_;          // in the set for the first time, ascending
   std::size_t fixed_ = 0;                      // primitives of the state that are fixed
   PreparedCapture capture_;

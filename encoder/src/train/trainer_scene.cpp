@@ -59,25 +59,48 @@ Result<std::vector<float>> Trainer::importance() {
 }
 
 void Trainer::find_persistent(PersistentSet& set) {
-  const std::vector<std::uint32_t> persistent = list_persistent(state_, capture_.frames);
-  std::vector<std::uint32_t> found;
-  for (const std::uint32_t i : persistent) {
-    if (!state_.is_fixed(i)) found.push_back(i);
-  }
-  parallel_for(std::size_t{0}, found.size(),
-               [&](std::size_t k) { persist(state_, found[k], capture_.frames); });
-  const std::size_t fixed = persistent.size() - found.size();
-  stored_ = list_still(capture_, state_.set, found);
-  if (static_cast<double>(stored_.size()) < kMinStoredShare * static_cast<double>(fixed))
-    stored_.clear();
+  // Ascending, then with the stored primitives first.
+  const int first = std::max(changes_.settled, 0);
+  std::vector<std::uint32_t> persistent = list_persistent(state_, capture_.frames, first);
   std::vector<std::uint32_t> carried;
   if (set.carries_moving()) carried = list_carried(state_, capture_.frames, persistent);
-  log_(2, fmt::format("persistent set: {} primitives, {} added; the next window starts from {} "
-                      "further static and {} moving ones",
-                      fixed, stored_.size(), found.size() - stored_.size(), carried.size()));
-  set = PersistentSet(std::make_shared<const TrainState>(
-                          persistent_state(state_, persistent, carried, stored_, capture_.frames)),
-                      set.carries_moving());
+  std::vector<std::uint32_t> found, fixed;
+  RecordedSet recorded;
+  std::vector<PrimitiveEnd> ends;
+  for (const std::uint32_t i : persistent) {
+    if (!state_.is_fixed(i)) {
+      found.push_back(i);
+      continue;
+    }
+    const std::size_t k = fixed.size() + ends.size();
+    const auto& known = set.recorded().primitives;
+    const StoredPrimitive location = k < known.size() ? known[k] : StoredPrimitive();
+    if (ends_[k] >= 0) {
+      ends.push_back({location, static_cast<std::uint32_t>(ends_[k])});
+    } else {
+      fixed.push_back(i);
+      recorded.primitives.push_back(location);
+    }
+  }
+  parallel_for(std::size_t{0}, found.size(),
+               [&](std::size_t k) { persist(state_, found[k], first, capture_.frames); });
+  stored_ = list_still(capture_, state_.set, found);
+  // Content that has just changed is stored once it has been visible for a complete window.
+  if (first > 0 ||
+      static_cast<double>(stored_.size()) < kMinStoredShare * static_cast<double>(fixed.size()))
+    stored_.clear();
+  persistent = fixed;
+  persistent.insert(persistent.end(), stored_.begin(), stored_.end());
+  std::set_difference(found.begin(), found.end(), stored_.begin(), stored_.end(),
+                      std::back_inserter(persistent));
+  log_(2, fmt::format("persistent set: {} primitives, {} added, {} ended; the next window starts "
+                      "from {} further static and {} moving ones",
+                      fixed.size(), stored_.size(), ends.size(), found.size() - stored_.size(),
+                      carried.size()));
+  set =
+      PersistentSet(std::make_shared<const TrainState>(
+                        persistent_state(state_, persistent, carried, stored_, capture_.frames)),
+                    set.carries_moving(), std::move(recorded), changes_.residuals, std::move(ends));
 }
 
 Result<Scene> Trainer::scene() {

@@ -1,31 +1,49 @@
 // SPDX-License-Identifier: Apache-2.0
 // The persistent content of a long capture: static primitives that are trained in the window of
 // time that first shows them, stored once, and displayed from then on. Later windows render them
-// unchanged.
+// unchanged. Primitives that no longer match the images end: the set then lacks them.
 #pragma once
 
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <string>
 #include <utility>
+#include <vector>
 
+#include "stgs/format/scene_recorder.h"
 #include "stgs/format/status.h"
 
 namespace stgs::encoder {
 
 struct TrainState;
 
-// The result of a window that the next one starts from. Copies share the content, which does not
-// change; thread-safe.
+// What a recording has of a persistent set.
+struct RecordedSet {
+  // Where the stored primitives are, in the order of the state.
+  std::vector<StoredPrimitive> primitives;
+  std::uint64_t bytes = 0;  // length of the recording up to the end of the window
+};
+
+// The result of a window that the next one starts from. Copies share the state, which does not
+// change. One thread at a time.
 class PersistentSet {
  public:
   // An empty set, for the first window. `carries_moving`: each window also starts from the moving
   // content at the end of the previous one. It helps if few frames of a window have dynamic points;
   // otherwise these are better.
   explicit PersistentSet(bool carries_moving = false) : carries_moving_(carries_moving) {}
-  // See persistent_state() (train/persistence.h).
-  PersistentSet(std::shared_ptr<const TrainState> state, bool carries_moving)
-      : state_(std::move(state)), carries_moving_(carries_moving) {}
+  // See persistent_state() (train/persistence.h). `recorded` lacks the last of its stored
+  // primitives, which the latest window added. `residuals`: see below. `ends`: those that this
+  // window has ended, with the frame of the window from which on they are not displayed.
+  PersistentSet(std::shared_ptr<const TrainState> state, bool carries_moving,
+                RecordedSet recorded = {}, std::vector<std::vector<std::uint8_t>> residuals = {},
+                std::vector<PrimitiveEnd> ends = {})
+      : state_(std::move(state)),
+        carries_moving_(carries_moving),
+        recorded_(std::move(recorded)),
+        residuals_(std::move(residuals)),
+        ends_(std::move(ends)) {}
 
   // Reads a set that does not carry moving content. kIo, or kInvalidFile for a damaged or another
   // file.
@@ -36,6 +54,18 @@ class PersistentSet {
   // Returns null before the first window.
   const TrainState* state() const { return state_.get(); }
   bool carries_moving() const { return carries_moving_; }
+  // See the constructor.
+  const RecordedSet& recorded() const { return recorded_; }
+  const std::vector<PrimitiveEnd>& ends() const { return ends_; }
+  // Completes recorded() once the latest window has been recorded: `added` are the primitives that
+  // it added, `bytes` is the length of the recording.
+  void set_recorded(std::span<const StoredPrimitive> added, std::uint64_t bytes) {
+    recorded_.primitives.insert(recorded_.primitives.end(), added.begin(), added.end());
+    recorded_.bytes = bytes;
+  }
+  // Returns by how much renderings of the set usually differ from images, per training camera
+  // (Residual of train/changed_points.h); empty before the second window.
+  const std::vector<std::vector<std::uint8_t>>& residuals() const { return residuals_; }
   // Returns the set without the moving content that it carries.
   PersistentSet without_moving() const;
   // Returns the number of stored primitives.
@@ -44,6 +74,9 @@ class PersistentSet {
  private:
   std::shared_ptr<const TrainState> state_;
   bool carries_moving_ = false;
+  RecordedSet recorded_;
+  std::vector<std::vector<std::uint8_t>> residuals_;
+  std::vector<PrimitiveEnd> ends_;
 };
 
 }  // namespace stgs::encoder

@@ -2,9 +2,10 @@
 // Encodes a capture of any length, one window of time after the other.
 //
 // The first window trains all content of its frames. Its static content becomes the persistent set
-// (persistent_set.h), which is stored once and displayed until the capture ends. A later window
-// renders this set unchanged and trains only what it adds; static content that it uncovers joins
-// the set. Memory is in proportion to a window, not to the capture.
+// (persistent_set.h), which is stored once. A later window renders this set unchanged and trains
+// only what it adds; static content that it uncovers joins the set, and content that is moved away
+// leaves it. The rest is displayed until the capture ends. Memory is in proportion to a window, not
+// to the capture.
 #pragma once
 
 #include <cstdint>
@@ -56,6 +57,7 @@ struct StreamWindow {
   TrainReport training;
   std::uint64_t primitives = 0;  // added to the file
   std::uint64_t persistent = 0;  // in the persistent set
+  std::uint64_t ended = 0;       // no longer in it, because the images do not show them any more
   std::uint64_t bytes = 0;       // added to the file
 };
 
@@ -114,8 +116,8 @@ class StreamEncoder {
   RecordSettings record_settings() const;
   Status resume();
   Status create_recording(const Scene& scene);
-  // Appends a trained window.
-  Status append(const Scene& scene, int frames);
+  // Appends a trained window, of which `set` is the result.
+  Status append(const Scene& scene, int frames, PersistentSet& set);
 
   std::string folder_;
   StreamSettings settings_;
