@@ -120,7 +120,7 @@ TEST_CASE("primitives of a moved box end when it leaves, and others stay") {
 
   set = trained(synthetic, kWindow, 300, set);
   CHECK(set.ends().empty());
-  CHECK(set.size() < 1.02 * static_cast<double>(stored));
+  CHECK(static_cast<double>(set.size()) < 1.02 * static_cast<double>(stored));
   const SceneChanges moved = changes_in(synthetic, 2 * kWindow, set);
   std::size_t in_old = 0, elsewhere = 0;
   for (const EndedPrimitive& ended : moved.ended) {
@@ -157,7 +157,7 @@ TEST_CASE("primitives of a moved box end when it leaves, and others stay") {
     windows = next;
     windows.resize(set.size(), begin);
   }
-  CHECK(set.size() < 1.1 * static_cast<double>(stored));
+  CHECK(static_cast<double>(set.size()) < 1.1 * static_cast<double>(stored));
   const double repeated = repeated_share(set.state()->set, windows);
   CAPTURE(repeated);
   CHECK(repeated <= 0.01);
