@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from fields import Fields, Refused, check_available, need
 from segment import open_record
 
-MOST = 1 << 20  # ends of a record
+MAX_ENDS = 1 << 20  # ends of a record
 ISSUE = 319  # of whatever is wrong with a record of ends (conformance.md 2)
 
 
@@ -54,7 +54,7 @@ def read_lists(f):
         part, place, tier, time, n = [f.number() for _ in range(5)]
         need(part < 1 << 32 and place < 1 << 37 and tier < 256 and time < 1 << 32, "5.9", ISSUE, "a number out of range")
         total += n
-        need(n >= 1 and total <= MOST, "5.9", ISSUE, f"{n} ends")
+        need(n >= 1 and total <= MAX_ENDS, "5.9", ISSUE, f"{n} ends")
         need(n <= f.left(), "5.9", ISSUE, f"{n} ends do not fit")
         primitives, after = [], -1
         for _ in range(n):

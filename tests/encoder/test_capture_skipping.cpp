@@ -96,16 +96,16 @@ TEST_CASE("a late frame of a video is the same as if all were decoded") {
     REQUIRE(all.ok());
     std::vector<cv::Mat> images;
     const int count = probe_frames(*files, camera)->frames;
+    REQUIRE(count == kFrames);
     for (int f = 0; f < count; ++f) images.push_back((*all)->next(kSide, kSide)->clone());
     for (const int first : {257, 299, 300, 301, 350, 351, 352, count - 1}) {
       INFO(first);
-      if (first >= count) continue;
       const auto late = VideoReader::open(*files, camera, first);
       REQUIRE(late.ok());
       for (int f = first; f < std::min(first + 3, count); ++f) {
         const auto image = (*late)->next(kSide, kSide);
         REQUIRE(image.ok());
-        CHECK(number_of(*image) == number_of(images[std::size_t(f)]));
+        CHECK(number_of(*image) == f);
         CHECK(cv::norm(*image, images[std::size_t(f)], cv::NORM_INF) == 0);
       }
     }

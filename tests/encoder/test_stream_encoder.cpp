@@ -98,17 +98,17 @@ TEST_CASE("windows share static content, and an interrupted encoding resumes to 
     (void)open(twice, settings_of());
     encode_next(*open(twice, settings_of()), complete);
     // A killed process can leave another set.
-    std::filesystem::copy(fmt::format("{}/persistent-{:06}.set", twice, (k + 1) * kWindow),
-                          twice + "/persistent-000001.set");
+    std::filesystem::copy(fmt::format("{}/persistent-{:07}.set", twice, (k + 1) * kWindow),
+                          twice + "/persistent-0000001.set");
   }
   // Of a run that was killed between a fragment and its set, the fragment is encoded again.
   const std::string thrice = new_folder(synthetic, "thrice"), last = complete.folder + "/last.stgs";
   for (int k = 0; k < 2; ++k) encode_next(*open(thrice, settings_of()), complete);
   namespace fs = std::filesystem;
-  const std::string before = thrice + "/persistent-000012.set";
+  const std::string before = thrice + "/persistent-0000012.set";
   fs::copy_file(before, thrice + "/kept");
   encode_next(*open(thrice, settings_of()), complete);
-  fs::remove(thrice + "/persistent-000018.set");
+  fs::remove(thrice + "/persistent-0000018.set");
   fs::rename(thrice + "/kept", before);
   CHECK(open(thrice, settings_of())->frames() == 2 * kWindow);
   encode_next(*open(thrice, settings_of()), complete);

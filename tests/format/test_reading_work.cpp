@@ -6,6 +6,7 @@
 #include "codec/layout.h"
 #include "container/segment_times.h"
 #include "head_fixture.h"
+#include "scene/reader_lists.h"
 
 using namespace stgs;
 using Bytes = std::vector<std::uint8_t>;
@@ -104,6 +105,16 @@ TEST_CASE("the segments of the first node are not copied") {
   Findings findings;
   REQUIRE(add_node(std::move(node), 0, 0, head.walk.pending.end(), head, findings));
   CHECK(head.index.segments.data() == first);
+}
+
+TEST_CASE("a listed segment replaces the further records of all parts") {
+  FileHead head;
+  head.parts.resize(2);
+  head.index.further.emplace_back().part = 1;
+  replace_segments(ListedSegment{}, {}, head);
+  CHECK(head.parts.size() == 1);
+  CHECK(head.index.further.empty());
+  CHECK(head.index.segments.size() == 1);
 }
 
 TEST_CASE("a node that states more segments than it has reserves no memory for them") {

@@ -55,7 +55,7 @@ TEST_CASE("a persistent primitive looks as it did, at all times") {
     mean += math::opacity_of(state.set.opacity_logit[0]) *
             math::visibility(static_cast<float>(f) - 4.0f, 4.0f, 3.0f) / 10;
   }
-  persist(state, 0, 10);
+  persist(state, 0, 0, 10);
   CHECK(state.set.position[1] == Approx(y));
   CHECK(state.set.velocity[1] == 0.0f);
   CHECK(math::opacity_of(state.set.opacity_logit[0]) == Approx(mean).epsilon(1e-4));

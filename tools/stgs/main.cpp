@@ -9,10 +9,6 @@
 #include "standard_streams.h"
 #include "stgs/format/status.h"
 
-#ifdef __GLIBC__
-#include <malloc.h>
-#endif
-
 namespace {
 
 constexpr const char* kNoMemory = "stgs: error: not enough memory\n";
@@ -32,22 +28,10 @@ void note_no_memory() {
   std::_Exit(static_cast<int>(stgs::StatusCode::kRuntime));
 }
 
-// Large buffers are allocated and freed many times; returning each to the system at once would have
-// it clear the pages each time, which takes up to a quarter of preparation.
-void keep_freed_memory() {
-#ifdef __GLIBC__
-  constexpr int kMib = 1 << 20;
-  mallopt(M_MMAP_THRESHOLD, 32 * kMib);  // the maximum
-  mallopt(M_TRIM_THRESHOLD, 512 * kMib);
-  mallopt(M_TOP_PAD, 16 * kMib);
-#endif
-}
-
 }  // namespace
 
 int main(int argc, char** argv) {
   stgs::tools::reserve_standard_streams();
-  keep_freed_memory();
   std::set_new_handler(note_no_memory);
   std::set_terminate(end_without_memory);
   try {

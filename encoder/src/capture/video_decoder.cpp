@@ -70,6 +70,8 @@ class FfmpegDecoder final : public VideoDecoder {
   // Returns whether decoding can start with a key frame, and a stored frame is one frame.
   bool has_independent_frames() const;
   // Reads the next stored frame into packet_. Returns false at the end.
+  // skip_to() without the name of the video in errors.
+  Result<bool> try_to_skip(int first);
   Result<bool> read_stored();
   Result<std::vector<StoredFrame>> list_stored(std::size_t frames);
   // Sends the next stored frame to the decoder; after the last, signals the end.
@@ -291,6 +293,11 @@ Result<std::vector<StoredFrame>> FfmpegDecoder::list_stored(std::size_t frames) 
 }
 
 Result<bool> FfmpegDecoder::skip_to(int first) {
+  Result<bool> skipped = try_to_skip(first);
+  return skipped.ok() ? skipped : explained(skipped.status());
+}
+
+Result<bool> FfmpegDecoder::try_to_skip(int first) {
   const auto count = static_cast<std::size_t>(first);
   if (!has_independent_frames()) return false;
   STGS_ASSIGN(std::vector<StoredFrame> stored, list_stored(count + kMaxReordered));
@@ -303,7 +310,7 @@ Result<bool> FfmpegDecoder::skip_to(int first) {
     STGS_ASSIGN(const bool has_packet, read_stored());
     if (!has_packet || packet_->pts > start_time) return false;
   } while (packet_->pts != start_time);
-  STGS_TRY(send_packet());
+  if (!send_packet().ok()) return false;
   frame_ = static_cast<int>(start) - 1;
   while (frame_ + 1 < first) {
     const Result<bool> advanced = advance();

@@ -52,7 +52,7 @@ class VideoDecoder {
   // Returns the time of the current frame that the file states, seconds; NaN: not stated.
   virtual double seconds() const = 0;
   // Positions a file that was just opened before frame `first`, in the order of presentation.
-  // Decodes few of the frames before, so that damage in the others is not found; all are checked.
+  // Decodes few of the frames before, so that damage in the others is not found.
   // Returns false if that is not certain to be exact: then the decoder is of no further use, and
   // advance() of another one has to decode them.
   virtual Result<bool> skip_to(int first) = 0;

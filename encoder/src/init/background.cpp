@@ -12,7 +12,8 @@
 namespace stgs::encoder::init {
 namespace {
 
-constexpr int kBackgroundSamples = 25;  // at most geometry::kMaxMedianSamples
+constexpr int kBackgroundSamples = 25;
+static_assert(std::size_t{kBackgroundSamples} <= geometry::kMaxMedianSamples);
 // Fraction of the difference to a static image by which the background adapts per window.
 constexpr double kAdaption = 0.125;
 
@@ -192,6 +193,10 @@ Result<Background> find_background(const PreparedCapture& capture, const View& v
     STGS_ASSIGN(cv::Mat mask, load_mask_image(capture, view, frame));
     // Masks from other tools often exclude the blurred border of an object.
     if (!mask.empty()) cv::dilate(mask, masks.back(), cv::Mat(), {-1, -1}, 2);
+  }
+  if (samples.empty()) {  // nothing is known of the camera
+    return Background{cv::Mat(view.size(), CV_8UC3, cv::Scalar::all(0)),
+                      cv::Mat(view.size(), CV_8U, cv::Scalar(0)), 1};
   }
   return median_of(samples, masks);
 }

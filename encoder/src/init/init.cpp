@@ -32,8 +32,8 @@ namespace {
 
 using namespace init;
 
-// Longer side of the images in motion detection, pixels. The hull of dynamic content uses images of
-// 320 pixels (dynamic_points.h), so these suffice when live.
+// Longer side of the images in motion detection, pixels. When live, it is that of the masks which
+// dynamic points need (dynamic_points.h).
 constexpr int kMaxSide = 640, kLiveMaxSide = 320;
 // In the check of the calibration: features of larger images do not match better.
 constexpr int kFeatureSide = 448;

@@ -55,11 +55,12 @@ struct InitSettings {
 struct StaticFindings;
 
 // Computes the initial points of `capture`. Reads frames/ and existing masks/ of the training
-// cameras; test cameras are never read. Writes the missing masks, points_static.ply,
-// points_dynamic.ply and report/; masks and points go to the memory of the capture, if it has one. Sets near_plane, extent, scene_centre and scene_radius; the
-// caller writes capture.json. Runs on all threads; the result does not depend on their number. A
-// capture without motion gets no dynamic points. Errors: an unreadable frame (with camera and
-// frame), an unwritable folder, a cancelled run (kRuntime). `findings` may be null.
+// cameras; test cameras are never read. Missing masks and the points go to capture.memory, if it is
+// set, and to masks/, points_static.ply and points_dynamic.ply unless it is capture.memory_only.
+// Writes report/ if the settings ask for it. Sets near_plane, extent, scene_centre and
+// scene_radius; the caller writes capture.json. Runs on all threads; the result does not depend on
+// their number. A capture without motion gets no dynamic points. Errors: an unreadable frame (with
+// camera and frame), an unwritable folder, a cancelled run (kRuntime). `findings` may be null.
 Status initialise(PreparedCapture& capture, const InitSettings& settings,
                   const ProgressSink& progress, const LogSink& log,
                   std::shared_ptr<const StaticFindings>* findings = nullptr);

@@ -15,7 +15,9 @@ namespace {
 
 // Largest forward-backward error of reliable flow, pixels, plus 5 % of its length.
 constexpr double kRoundTrip = 0.75;
-constexpr int kFlowMargin = 32;   // around dynamic content, pixels: also the smallest image of DIS
+constexpr int kMinFlowSide = 32;  // of images whose flow DIS finds, pixels
+// Margin around dynamic content, of the image width: the upper bound of plausible motion.
+constexpr double kFlowMargin = 1.0 / 15;
 constexpr int kLearntImages = 3;  // of a window, by a live background
 
 cv::Mat grey_of(const cv::Mat& rgb) {
@@ -31,7 +33,7 @@ cv::Mat not_a_number(cv::Size size) {
 // Returns the dense flow from a to b, NaN where the backward flow disagrees. All NaN for images too
 // small for DIS.
 cv::Mat checked_flow(cv::DISOpticalFlow& dis, const cv::Mat& a, const cv::Mat& b) {
-  if (a.cols < kFlowMargin || a.rows < kFlowMargin) return not_a_number(a.size());
+  if (a.cols < kMinFlowSide || a.rows < kMinFlowSide) return not_a_number(a.size());
   cv::Mat forward, back;
   dis.calc(a, b, forward);
   dis.calc(b, a, back);
@@ -115,8 +117,8 @@ Result<cv::Mat> given_flow(const PreparedCapture& capture, const View& view,
 cv::Rect part_with(const cv::Mat& mask) {
   const cv::Rect box = cv::boundingRect(mask);
   if (box.empty()) return box;
-  return cv::Rect(box.x - kFlowMargin, box.y - kFlowMargin, box.width + 2 * kFlowMargin,
-                  box.height + 2 * kFlowMargin) &
+  const int margin = std::max(kMinFlowSide, int(std::lround(kFlowMargin * mask.cols)));
+  return cv::Rect(box.x - margin, box.y - margin, box.width + 2 * margin, box.height + 2 * margin) &
          cv::Rect({0, 0}, mask.size());
 }
 

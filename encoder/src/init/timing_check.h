@@ -3,7 +3,6 @@
 #pragma once
 
 #include <future>
-
 #include <vector>
 
 #include "init/calibration_check.h"

@@ -18,7 +18,8 @@ namespace stgs::encoder::init {
 // A stage and what it took.
 struct StageTime {
   std::string name;
-  double seconds = 0, core_seconds = 0;  // elapsed; of all threads of the process
+  double seconds = 0;       // elapsed
+  double core_seconds = 0;  // computed by all threads of the process
 };
 
 class Work {

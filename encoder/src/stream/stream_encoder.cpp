@@ -42,7 +42,7 @@ Gaussians4D primitives_of(const Scene& scene, std::size_t p) {
 }  // namespace
 
 std::string StreamEncoder::set_path(int frames) const {
-  return fmt::format("{}/persistent-{:06}.set", folder_, frames);
+  return fmt::format("{}/persistent-{:07}.set", folder_, frames);
 }
 
 RecordSettings StreamEncoder::record_settings() const {
@@ -80,21 +80,17 @@ Status check_settings(const StreamSettings& settings, const TrainingChoice& choi
   return {};
 }
 
-// Returns the persistent sets in a folder.
-std::vector<fs::path> list_sets(const std::string& folder) {
-  std::error_code ignored;
+// Returns the persistent sets in a folder, the latest last.
+Result<std::vector<fs::path>> list_sets(const std::string& folder) {
+  std::error_code error;
   std::vector<fs::path> sets;
-  for (const auto& entry : fs::directory_iterator(folder, ignored)) {
-    if (entry.path().extension() == ".set") sets.push_back(entry.path());
+  fs::directory_iterator entries(folder, error);
+  for (; !error && entries != fs::directory_iterator(); entries.increment(error)) {
+    if (entries->path().extension() == ".set") sets.push_back(entries->path());
   }
+  if (error) return io_error("{}: cannot be listed: {}", folder, error.message());
+  std::sort(sets.begin(), sets.end());
   return sets;
-}
-
-// Returns the path of the persistent set of the latest complete window, empty if there is none.
-std::string newest_set(const std::string& folder) {
-  std::string newest;
-  for (const fs::path& path : list_sets(folder)) newest = std::max(newest, path.string());
-  return newest;
 }
 
 }  // namespace
@@ -136,16 +132,18 @@ Result<std::unique_ptr<StreamEncoder>> StreamEncoder::open(const std::string& fo
         folder);
   }
   // Without a set, the first window was not completed.
-  if (newest_set(folder).empty()) {
+  STGS_ASSIGN(const std::vector<fs::path> sets, list_sets(folder));
+  if (sets.empty()) {
     fs::remove(encoder->recording_path(), ignored);
     return encoder;
   }
-  if (fs::exists(encoder->recording_path(), ignored)) STGS_TRY(encoder->resume());
+  if (fs::exists(encoder->recording_path(), ignored))
+    STGS_TRY(encoder->resume(sets.back().string()));
   return encoder;
 }
 
-Status StreamEncoder::resume() {
-  STGS_ASSIGN(set_, PersistentSet::read(newest_set(folder_)));
+Status StreamEncoder::resume(const std::string& newest_set) {
+  STGS_ASSIGN(set_, PersistentSet::read(newest_set));
   STGS_ASSIGN(recorder_, SceneRecorder::resume(recording_path(), record_settings()));
   if (recorder_->bytes() > set_.recorded().bytes) {  // the set of the last fragment is missing
     recorder_.reset();
@@ -161,9 +159,10 @@ Status StreamEncoder::resume() {
   STGS_ASSIGN(const PreparedCapture first, read_prepared_capture(folder_));
   take_bounds(first);
   // A killed process can leave the set of the window before.
+  STGS_ASSIGN(const std::vector<fs::path> sets, list_sets(folder_));
   std::error_code ignored;
-  for (const fs::path& path : list_sets(folder_)) {
-    if (path != set_path(frames())) fs::remove(path, ignored);
+  for (const fs::path& path : sets) {
+    if (path != newest_set) fs::remove(path, ignored);
   }
   return {};
 }

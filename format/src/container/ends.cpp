@@ -159,24 +159,27 @@ bool load_ends(const ByteSource& source, const FurtherEntry& further, FileHead& 
 }
 
 std::vector<SegmentEnd> ends_of(const FileHead& head, const SegmentEntry& segment) {
-  constexpr double kNever = std::numeric_limits<double>::infinity();
   const PartEntry& part = head.parts[segment.part];
   const TierKey key = tier_key(part.number, segment.base);
-  std::vector<double> ends;  // of each primitive
+  std::vector<SegmentEnd> ends;
   for (const auto& loaded : head.ends) {
     auto list = std::lower_bound(loaded->lists.begin(), loaded->lists.end(), key,
                                  [](const EndList& one, const TierKey& k) { return one.tier < k; });
     for (; list != loaded->lists.end() && list->tier == key; ++list) {
-      if (ends.empty()) ends.assign(segment.base.primitives, kNever);
       const double ticks = loaded->begin + list->time - part.begin;
       for (const std::uint32_t primitive : list->primitives)
-        if (primitive < ends.size()) ends[primitive] = std::min(ends[primitive], ticks);
+        if (primitive < segment.base.primitives) ends.push_back({primitive, ticks});
     }
   }
-  std::vector<SegmentEnd> out;
-  for (std::uint32_t i = 0; i < ends.size(); ++i)
-    if (ends[i] < kNever) out.push_back({i, ends[i]});
-  return out;
+  // The first end of each.
+  std::sort(ends.begin(), ends.end(), [](const SegmentEnd& a, const SegmentEnd& b) {
+    return std::tie(a.primitive, a.ticks) < std::tie(b.primitive, b.ticks);
+  });
+  const auto same = [](const SegmentEnd& a, const SegmentEnd& b) {
+    return a.primitive == b.primitive;
+  };
+  ends.erase(std::unique(ends.begin(), ends.end(), same), ends.end());
+  return ends;
 }
 
 }  // namespace stgs

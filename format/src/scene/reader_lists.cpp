@@ -109,6 +109,8 @@ void replace_segments(const ListedSegment& segment, std::span<const SegmentEnd> 
   head.index.first = segment.number;
   head.index.segments = {
       {{base, segment.level, segment.layer, segment.slot, segment.primitives}, sh}};
+  head.index.further.clear();  // of other parts
+  head.walk.pending.clear();
   std::map<double, EndList> lists;  // by time
   for (const SegmentEnd& end : ends) lists[end.ticks].primitives.push_back(end.primitive);
   head.ends.clear();

@@ -48,11 +48,9 @@ void RecordedSegments::add(std::uint32_t part, const IndexEntry& base) {
   segments_[base.offset] = {tier_key(part, base), base.primitives};
 }
 
-void RecordedSegments::add(std::uint32_t part, const Body& body,
-                           std::vector<StoredPrimitive>& locations) {
+void locate(const Body& body, std::vector<StoredPrimitive>& locations) {
   auto primitive = body.order.begin();
   for (const SegmentEntry& segment : body.index.segments) {
-    add(part, segment.base);
     for (std::uint32_t i = 0; i < segment.base.primitives; ++i)
       locations[*primitive++] = {segment.base.offset, i};
   }

@@ -26,13 +26,14 @@ struct EndRecord {
 // offsets.
 void append_records(Body& body, std::uint64_t begin, std::vector<std::uint8_t>& bytes);
 
+// Sets the locations of the primitives of a part, by their index in the scene.
+void locate(const Body& body, std::vector<StoredPrimitive>& locations);
+
 // The records of content 0 of a recording, by offset.
 class RecordedSegments {
  public:
   // Adds a record of the part of this number.
   void add(std::uint32_t part, const IndexEntry& base);
-  // Adds the records of a part. Sets the locations of its primitives, by their index in the scene.
-  void add(std::uint32_t part, const Body& body, std::vector<StoredPrimitive>& locations);
   // Moves all records of `other` here. Does not throw.
   void merge(RecordedSegments other) noexcept { segments_.merge(other.segments_); }
 

@@ -193,7 +193,7 @@ class SceneRecorder::State {
       appended += part.primitives.size();
     }
     after.frames = end_frame;
-    for (std::size_t p = 0; p < parts.size(); ++p)
+    for (std::size_t p = 0; stored != nullptr && p < parts.size(); ++p)
       locations.emplace_back(parts[p].primitives.size());
     STGS_TRY(append_fragment(bodies, end_record, after, locations));
     if (stored != nullptr) *stored = std::move(locations);
@@ -229,7 +229,8 @@ class SceneRecorder::State {
     return fragment.node.runs.back();
   }
 
-  // Writes the records and their FRAG record in one write. Sets the locations of the primitives.
+  // Writes the records and their FRAG record in one write. Sets the locations of the primitives, if
+  // `locations` has them.
   Status append_fragment(std::vector<Body>& bodies, std::optional<EndRecord>& ends,
                          const Recorded& after, Locations& locations) {
     std::vector<std::uint8_t> bytes;
@@ -247,7 +248,9 @@ class SceneRecorder::State {
       IndexRun& run = add_run(bodies[b].parts.front(), fragment);
       run.segments = segments.size();
       fragment.node.segments.insert(fragment.node.segments.end(), segments.begin(), segments.end());
-      added.add(run.part.number, bodies[b], locations[b]);
+      if (!locations.empty()) locate(bodies[b], locations[b]);
+      for (const SegmentEntry& segment : segments)
+        if (settings_.ends) added.add(run.part.number, segment.base);
     }
     if (ends) {
       add_run(ends->part, fragment).further = 1;

@@ -114,7 +114,7 @@ class StreamEncoder {
   }
   std::string set_path(int frames) const;
   RecordSettings record_settings() const;
-  Status resume();
+  Status resume(const std::string& newest_set);
   Status create_recording(const Scene& scene);
   // Appends a trained window, of which `set` is the result.
   Status append(const Scene& scene, int frames, PersistentSet& set);

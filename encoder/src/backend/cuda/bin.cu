@@ -22,7 +22,7 @@ constexpr int kScanBlock = 1024;
 constexpr int kSortBlock = 128;
 // Entries of a tile that are sorted in shared memory; longer lists are sorted where they are.
 constexpr std::uint32_t kMaxSharedEntries = 2048;
-// Entries that a warp has for itself in the steps of a sort over at most so many.
+// Steps of a sort over at most so many entries stay within a warp.
 constexpr std::uint32_t kWarpEntries = 64;
 
 struct TileBox {

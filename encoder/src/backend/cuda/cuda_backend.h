@@ -92,6 +92,7 @@ class CudaBackend final : public TrainBackend {
   // from the first on: fewer if the capacity did not suffice, which is then increased.
   Result<std::size_t> add_importances(std::span<const ImportanceView> views,
                                       unsigned long long* sums);
+  Status enqueue_importances(std::span<const ImportanceView> views, unsigned long long* sums);
   // Returns the capacity to reserve for a step, tile instances.
   std::size_t instance_capacity() const;
 

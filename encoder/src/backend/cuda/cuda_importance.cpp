@@ -9,6 +9,23 @@ namespace stgs::encoder::cuda {
 Result<std::size_t> CudaBackend::add_importances(std::span<const ImportanceView> views,
                                                  unsigned long long* sums) {
   STGS_TRY(view_counters_.ensure(kImportanceBatch));
+  const Status enqueued = enqueue_importances(views, sums);
+  STGS_TRY(stream_.wait());
+  const std::span<const Counters> counters(view_counters_.data(), views.size());
+  const auto overflowed = std::find_if(counters.begin(), counters.end(),
+                                       [](const Counters& view) { return view.overflow != 0; });
+  // Before errors are returned, because later steps would have no effect.
+  if (!enqueued.ok() || overflowed != counters.end()) STGS_TRY(pipeline_.clear_overflow(stream_));
+  STGS_TRY(enqueued);
+  for (const Counters& view : counters) {
+    STGS_TRY(check_instances(view.instances));
+    recent_instances_ = std::max<std::size_t>(recent_instances_, view.instances);
+  }
+  return static_cast<std::size_t>(overflowed - counters.begin());
+}
+
+Status CudaBackend::enqueue_importances(std::span<const ImportanceView> views,
+                                        unsigned long long* sums) {
   for (std::size_t v = 0; v < views.size(); ++v) {
     StepInput input;
     input.camera = views[v].camera;
@@ -18,16 +35,7 @@ Result<std::size_t> CudaBackend::add_importances(std::span<const ImportanceView>
     STGS_TRY(pipeline_.enqueue_importance(device_, input, capacity, sums, view_counters_.data() + v,
                                           stream_));
   }
-  STGS_TRY(stream_.wait());
-  const std::span<const Counters> counters(view_counters_.data(), views.size());
-  for (const Counters& view : counters) {
-    STGS_TRY(check_instances(view.instances));
-    recent_instances_ = std::max<std::size_t>(recent_instances_, view.instances);
-  }
-  const auto complete = std::find_if(counters.begin(), counters.end(),
-                                     [](const Counters& view) { return view.overflow != 0; });
-  if (complete != counters.end()) STGS_TRY(pipeline_.clear_overflow(stream_));
-  return static_cast<std::size_t>(complete - counters.begin());
+  return {};
 }
 
 Result<std::optional<std::vector<float>>> CudaBackend::importance(

@@ -132,7 +132,7 @@ struct Workspace {
   std::uint32_t* depth_keys = nullptr;  // N, bits of the depth, or kInvisible
   std::uint32_t *keys_sorted = nullptr, *order = nullptr, *flags = nullptr,
                 *offsets = nullptr;           // N, of densification
-  std::uint32_t* block_begin = nullptr;       // N / kBinPrimitives, first instance of a block
+  std::uint32_t* block_begin = nullptr;       // N / kBinPrimitives, rounded up: first instance
   uint2* ranges = nullptr;                    // N, its instances: first and count
   std::uint32_t* tile_entries = nullptr;      // T, entries of its list so far; 0 between steps
   unsigned long long* entry_keys = nullptr;   // I, by tile: depth, then primitive

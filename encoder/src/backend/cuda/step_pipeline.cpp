@@ -52,7 +52,7 @@ std::size_t tiles_of(int width, int height) {
 
 std::size_t StepPipeline::bytes(std::size_t primitives, int width, int height,
                                 std::size_t instances, bool planes) {
-  // The sort copies its input.
+  // 7 integers, and up to 9 bytes of memory for sorting.
   constexpr std::size_t kPrimitive = sizeof(ScreenSplat) + (7 + kSums) * 4 + 9 + sizeof(uint2);
   constexpr std::size_t kPixel = 2 * sizeof(float4) + 11 * 4 + 3;
   constexpr std::size_t kInstance = 2 * 4 + 8 + kSums * 4;

@@ -67,10 +67,9 @@ STGS_FN Lifespan ended_lifespan(float time, float radius, float begin, float end
   Lifespan l;
   l.time = time;
   l.radius = radius;
-  if (last < time + radius) {
-    l.time = first + 0.5f * (last - first);
-    l.radius = last - l.time;
-  }
+  if (!(last < time + radius)) return l;
+  l.time = first + 0.5f * (last - first);
+  l.radius = last - l.time;
   return l;
 }
 
