@@ -16,6 +16,8 @@
 namespace stgs::encoder {
 namespace {
 
+constexpr float kUnitTolerance = 1e-5f;  // of the length of a normal
+
 static_assert(std::endian::native == std::endian::little,
               "PLY values are copied without byte swapping");
 
@@ -112,7 +114,9 @@ InitialPoint decode_point(const std::uint8_t* record, const PlyLayout& layout) {
   if (layout.offset[kNx] != kAbsent) {
     for (int i = 0; i < 3; ++i) point.normal[i] = load<float>(record, layout.offset[kNx + i]);
     const float length = std::hypot(point.normal[0], point.normal[1], point.normal[2]);
-    for (float& n : point.normal) n = length > 0.0f ? n / length : n;
+    // Those that were written as unit normals remain as they were.
+    if (length > 0.0f && std::abs(length - 1.0f) > kUnitTolerance)
+      for (float& n : point.normal) n /= length;
   }
   return point;
 }

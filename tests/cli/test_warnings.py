@@ -129,7 +129,7 @@ class NotConverted(WarningTest):
             "private_records": ["'liGT' 'org.example.lights'", "'pose' 'org.example.poses'"],
             "optional_stream": ["primitive attribute 0x8001"],
             "further_reserved": ["further records 'audio/opus' of content 192 (a)", "further records of content 2:",
-                                 "further records of content 3:", "further records of content 191:"],
+                                 "further records of content 4:", "further records of content 191:"],
         }
         for name, parts in expected.items():
             for args in (["convert", self.vector(name), "c.stgs"],

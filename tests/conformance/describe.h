@@ -48,8 +48,8 @@ std::int64_t to_units(double ticks, int digits);
 void describe_scene(const OpenFile& file, Description& out);
 // Links, lost nodes, parts, and segments with their tiers and further records.
 void describe_index(const OpenFile& file, Description& out);
-// The attributes and ends of segment `ordinal` of the reader, or its refusal. `place`: its part, level, slot
-// and tier. Checks the reader's floats as well.
+// The attributes and ends of segment `ordinal` of the reader, or its refusal. `place`: its part,
+// level, slot and tier. Checks the reader's floats as well.
 void describe_tier(const OpenFile& file, std::uint32_t ordinal, const std::string& place,
                    Description& out);
 

@@ -2,6 +2,7 @@
 // Captures that are prepared window by window.
 #include "capture_fixture.h"
 #include "catch.h"
+#include "stgs/encoder/frame_memory.h"
 #include "stgs/encoder/prepare.h"
 
 namespace stgs::encoder::capture_test {
@@ -106,7 +107,14 @@ TEST_CASE("a window in memory has no image files, and has given masks as they ar
     const auto copied = load_mask(*found, found->cameras[2], 1);
     CHECK(int(copied->data[0]) == 255);
     CHECK(int(copied->data[kWidth - 1]) == 0);
-    CHECK(bytes_of(memory + "/points_dynamic.ply") == bytes_of(files + "/points_dynamic.ply"));
+    // Writing the points of the memory gives the same files.
+    const auto points = found->memory->points();
+    REQUIRE(points != nullptr);
+    CHECK_FALSE(points->statics.empty());
+    REQUIRE(write_points(memory + "/statics.ply", points->statics).ok());
+    REQUIRE(write_points(memory + "/dynamics.ply", points->dynamics).ok());
+    CHECK(bytes_of(memory + "/statics.ply") == bytes_of(files + "/points_static.ply"));
+    CHECK(bytes_of(memory + "/dynamics.ply") == bytes_of(files + "/points_dynamic.ply"));
   }
 }
 

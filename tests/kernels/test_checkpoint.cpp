@@ -53,7 +53,7 @@ TEST_CASE("a checkpoint of another version is reported as unsupported, other fil
   REQUIRE(write_checkpoint(path, random_train_state(2, 9), {}).ok());
   std::ifstream in(path, std::ios::binary);
   std::string bytes((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
-  for (const char version : {'6', '8'}) {
+  for (const char version : {'7', '9'}) {
     bytes[7] = version;
     std::ofstream(path, std::ios::binary) << bytes;
     const Status status = read_checkpoint(path).status();

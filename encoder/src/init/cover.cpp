@@ -80,10 +80,11 @@ int cover_within(const std::vector<Surface>& surfaces, int limit, double toleran
 
 InitialPoint initial_point(const SurfacePoint& point, const cv::Vec3d& velocity, int frame) {
   InitialPoint out{};
+  const cv::Vec3f normal = cv::normalize(point.normal);  // 0 remains 0
   for (int k = 0; k < 3; ++k) {
     out.position[k] = float(point.position[k]);
     out.colour[k] = point.colour[k];
-    out.normal[k] = point.normal[k];
+    out.normal[k] = normal[k];
     out.velocity[k] = float(velocity[k]);
   }
   out.frame = frame;
