@@ -59,6 +59,7 @@ inline const std::vector<StepCase> kCases = {
     {3000, 160, 96, 3, {}},
     {500, 101, 67, 1, {3, -2.5f, 0.8f}},
     {2000, 17, 33, 0, {}},
+    {12000, 16, 16, 0, {}},  // one tile, with more entries than are sorted in shared memory
     {400, 333, 211, 2, {3, -1.0f, 0.7f}},
     kPlain,
     kCrowded,
