@@ -145,12 +145,7 @@ __global__ void __launch_bounds__(kBlock)
 __device__ std::uint32_t sum_before(std::uint32_t value, std::uint32_t& total) {
   __shared__ std::uint32_t warps[kScanBlock / 32];
   const int lane = threadIdx.x & 31, warp = threadIdx.x / 32;
-  std::uint32_t sum = value;
-#pragma unroll
-  for (int step = 1; step < 32; step *= 2) {
-    const std::uint32_t before = __shfl_up_sync(kAllLanes, sum, step);
-    if (lane >= step) sum += before;
-  }
+  const std::uint32_t sum = warp_sum_up_to(value);
   __syncthreads();
   if (lane == 31) warps[warp] = sum;
   __syncthreads();
