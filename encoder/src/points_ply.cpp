@@ -114,7 +114,7 @@ InitialPoint decode_point(const std::uint8_t* record, const PlyLayout& layout) {
   if (layout.offset[kNx] != kAbsent) {
     for (int i = 0; i < 3; ++i) point.normal[i] = load<float>(record, layout.offset[kNx + i]);
     const float length = std::hypot(point.normal[0], point.normal[1], point.normal[2]);
-    // Those that were written as unit normals remain as they were.
+    // Unit normals keep their bits.
     if (length > 0.0f && std::abs(length - 1.0f) > kUnitTolerance)
       for (float& n : point.normal) n /= length;
   }

@@ -35,7 +35,7 @@ using namespace init;
 // Longer side of the images in motion detection, pixels. When live, it is that of the masks which
 // dynamic points need (dynamic_points.h).
 constexpr int kMaxSide = 640, kLiveMaxSide = 320;
-// In the check of the calibration: features of larger images do not match better.
+// The same in the check of the calibration; features of larger images do not match better.
 constexpr int kFeatureSide = 448;
 constexpr std::size_t kMinAgreeing = 3;  // with fewer views there is no stereo
 
@@ -158,7 +158,7 @@ Status find_static(State& state) {
                              state.scene.range.farthest));
   state.work.stage("static depth", 2);
   STGS_TRY(find_static_depth(backgrounds[0], state.work, &state.scene));
-  // Here, because a GPU leaves the CPU free for it.
+  // Started here, because stereo on a GPU leaves the CPU idle.
   if (state.settings.separate_motion && !state.settings.live)
     state.timing.start(state.capture, state.views, state.calibration);
   return refine_static_depth(backgrounds[0], state.settings.backend, state.work, &state.scene);

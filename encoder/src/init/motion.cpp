@@ -16,7 +16,7 @@ namespace {
 // Largest forward-backward error of reliable flow, pixels, plus 5 % of its length.
 constexpr double kRoundTrip = 0.75;
 constexpr int kMinFlowSide = 32;  // of images whose flow DIS finds, pixels
-// Margin around dynamic content, of the image width: the upper bound of plausible motion.
+// Margin around dynamic content, over the image width: the upper bound of plausible motion.
 constexpr double kFlowMargin = 1.0 / 15;
 constexpr int kLearntImages = 3;  // of a window, by a live background
 

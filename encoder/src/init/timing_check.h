@@ -24,7 +24,7 @@ struct LateCamera {
 Status check_timing(const PreparedCapture& capture, const std::vector<View>& views,
                     const CalibrationCheck& calibration, Work& work, std::vector<LateCamera>* out);
 
-// The check in parallel with other stages: nothing depends on its result but reports.
+// Runs the check in parallel with other stages, because only reports depend on its result.
 class TimingCheck {
  public:
   TimingCheck() = default;

@@ -15,7 +15,7 @@
 
 namespace stgs::encoder::init {
 
-// A stage and what it took.
+// The duration of a stage.
 struct StageTime {
   std::string name;
   double seconds = 0;       // elapsed

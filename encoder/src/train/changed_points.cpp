@@ -12,9 +12,10 @@
 namespace stgs::encoder {
 namespace {
 
-// Pixels around each whose mean difference counts: single ones match by chance.
+// Differences are averaged over so many pixels around each, because single ones match by chance.
 constexpr int kRadius = 2;
-// A pixel has changed if its excess is above this, and above this multiple of a quantile of them.
+// A pixel has changed if its excess is above this, and above this multiple of a quantile of the
+// excesses of its view.
 constexpr float kMinDifference = 0.03f;
 constexpr double kQuantile = 0.75;
 constexpr float kQuantileFactor = 3.0f;

@@ -12,7 +12,7 @@ namespace {
 
 constexpr std::size_t kPartners = 4;
 constexpr float kMinDepthAlpha = 0.5f;  // of content with a depth
-// The depths considered, over those of what the set shows.
+// The depths that are considered, over those of the renderings.
 constexpr float kNearestShare = 0.5f, kFarthestShare = 1.05f;
 constexpr int kDepths = 64;  // evenly spaced in inverse depth
 constexpr int kReach = 2;    // pixels between samples around the pixel

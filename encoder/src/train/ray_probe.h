@@ -17,8 +17,8 @@ class RayProbe {
   RayProbe(const SetViews& views, const std::vector<Image>& images,
            const std::vector<SetView>& shown);
 
-  // Returns the camera z of what a view with an image shows at a pixel: `expected` if the images
-  // allow it, 0 if they do not determine it.
+  // Returns the camera z of the surface that a view with an image shows at a pixel: `expected` if
+  // the images allow it, 0 if they do not determine it.
   float depth(std::size_t view, int x, int y, float expected) const;
 
  private:

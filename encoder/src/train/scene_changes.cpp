@@ -20,16 +20,17 @@ namespace {
 constexpr double kMinChanged = 0.4, kLikelyChanged = 0.7;
 // Side of a cell, over the radius of the scene. Primitives in adjacent cells end together.
 constexpr double kCellShare = 0.04;
-// The views of the likely ones of a group: at least so many. A sample is probed for the depth of
-// what they show. Beyond the slack, it is behind the group or before it. If so many are determined,
-// and several times as many show content behind it as before it, the group has ended.
+// The likely primitives of a group are seen at least so many times, over all views. A sample of
+// these pixels is probed for depth. Beyond the slack, the depth is behind the group or before it.
+// If this part of the depths is determined, and several times as many are behind the group as
+// before it, the group has ended.
 constexpr int kMinViews = 12;
 constexpr std::size_t kMaxProbes = 200;
 constexpr float kSideSlack = 0.05f;
 constexpr double kMinDetermined = 0.25;
 constexpr int kMinBehindFactor = 3;
-// If few are determined: the least part that matches without the group, and the greatest number of
-// those that are worse without it, over the former.
+// If fewer are determined: the group has ended if at least this part of the pixels matches without
+// it, and the number of those that match worse without it is at most this part of the former.
 constexpr double kMinUncovered = 0.12, kMaxWorse = 1.0 / 3;
 constexpr float kMuchLess = 0.5f;  // an excess over another
 // A primitive remains if more than this part of the views that differ is worse without it.

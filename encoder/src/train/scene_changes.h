@@ -32,8 +32,8 @@ struct SceneChanges {
 
 // Compares a window with the state of the persistent set.
 //
-// Content has ended if the images show what is behind it: its primitives differ from the images in
-// most cameras that see them, up to the last frame, and by comparison of the images the content
+// Content has ended if the images show the content behind it: its primitives differ from the images
+// in most cameras that see them, up to the last frame, and by comparison of the images the content
 // there has a greater depth or, if they do not determine one, the set matches them better without
 // these primitives. Content behind moving objects stays, because the images show nearer content.
 //

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the training cameras see, at a reduced size: images of a window, and renderings of a set to
-// compare them with.
+// Views of the training cameras at a reduced size: their images in a window, and renderings of a
+// set to compare them with.
 #pragma once
 
 #include <cstddef>

@@ -26,7 +26,7 @@ namespace stgs::encoder {
 class Trainer {
  public:
   // Loads the state and the images, and reserves the backend's memory.
-  // `window`: what it points to must outlive the trainer. Takes the backend away, also on failure.
+  // The objects of `window` must outlive the trainer. Takes the backend away, also on failure.
   static Result<std::unique_ptr<Trainer>> create(const PreparedCapture& capture,
                                                  const TrainSettings& settings,
                                                  const WindowState& window,

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a recorder remembers of the segments it has written, so that their primitives can end.
+// The segments that a recorder has written, so that their primitives can end.
 #pragma once
 
 #include <cstdint>

@@ -118,7 +118,7 @@ class Residency {
     LayerState base, sh;
     bool decoding = false;
     bool has_sh = false;  // `resident` includes its spherical harmonics
-    // Ends have arrived that `resident`, and what is being decoded, may lack.
+    // Ends have arrived that `resident`, and a segment that is being decoded, may lack.
     bool is_outdated = false, decoding_has_ends = false;
     std::size_t slot = kNoSlot;  // in decodable_
     DecodedSegment resident;

@@ -18,7 +18,7 @@ namespace stgs::encoder {
 
 struct TrainState;
 
-// What a recording has of a persistent set.
+// The part of a persistent set that a recording holds.
 struct RecordedSet {
   // Where the stored primitives are, in the order of the state.
   std::vector<StoredPrimitive> primitives;
@@ -33,7 +33,7 @@ class PersistentSet {
   // content at the end of the previous one. It helps if few frames of a window have dynamic points;
   // otherwise these are better.
   explicit PersistentSet(bool carries_moving = false) : carries_moving_(carries_moving) {}
-  // See persistent_state() (train/persistence.h). `recorded` lacks the last of its stored
+  // `state`: see persistent_state() (train/persistence.h). `recorded` lacks the last of its stored
   // primitives, which the latest window added. `residuals`: see below. `ends`: those that this
   // window has ended, with the frame of the window from which on they are not displayed.
   PersistentSet(std::shared_ptr<const TrainState> state, bool carries_moving,

@@ -143,9 +143,9 @@ struct TrainReport {
   std::vector<std::pair<std::string, std::string>> parameters;  // every hyper-parameter, as used
 };
 
-// What a window of a longer capture takes from the one before; null for a capture that is trained
-// as a whole. Both are replaced by those of the window. After an error, the set may be either, and
-// there is no backend.
+// The state that a window of a longer capture takes from the one before; null for a capture that is
+// trained as a whole. Both are replaced by those of the window. After an error, the set may be
+// either, and there is no backend.
 struct WindowState {
   PersistentSet* persistent = nullptr;               // persistent_set.h
   std::shared_ptr<TrainBackend>* backend = nullptr;  // with its memory; may point to null

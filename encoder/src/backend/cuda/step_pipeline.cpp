@@ -137,7 +137,7 @@ Status StepPipeline::reserve_primitives(std::size_t n, cudaStream_t stream) {
   return {};
 }
 
-// Reserves what sorting and scanning n items take.
+// Reserves memory for sorting and scanning n items.
 Status StepPipeline::reserve_sort(std::size_t n, cudaStream_t stream) {
   if (n <= iota_.capacity()) return {};
   STGS_TRY(sort_memory_.ensure(sort_memory_bytes(n)));

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sums what the backward blend found for each instance over the instances of each primitive. Eight
-// lanes share a primitive, because a few have hundreds of times as many instances as others. The
-// order of the sums depends only on the number of instances.
+// Sums the partials of the backward blend over the instances of each primitive. Eight lanes share a
+// primitive, because a few have hundreds of times as many instances as others. The order of the
+// sums depends only on the number of instances.
 #include "backend/cuda/device.cuh"
 
 namespace stgs::encoder::cuda {
