@@ -17,8 +17,8 @@ constexpr std::size_t kPointsPerTask = 128;  // few frames of a live window occu
 constexpr int kMinForMedian = 3;
 constexpr std::size_t kWide = 25,
                       kNarrow = 9;  // neighbours that smooth, in all rounds and the last
-constexpr int kMeasuredFrames = 3;  // compare the two estimates
-// Flow of all frames takes long, so its residual has to be this fraction of the other at most.
+// Flow of all frames takes long, so its residual has to be this fraction of the other at most, in
+// each measured frame.
 constexpr double kClearlyLess = 0.99;
 
 // nanoflann's data set adaptor for points with position and weighted colour.
@@ -157,19 +157,6 @@ cv::Vec3d solve_flow(std::vector<FlowRow>& rows) {
   return v;
 }
 
-// Returns the depth of the nearest point in each coarse cell of a view, for occlusion tests.
-cv::Mat nearest_depths(const View& view, const std::vector<SurfacePoint>& points, int cell) {
-  cv::Mat depth((view.height + cell - 1) / cell, (view.width + cell - 1) / cell, CV_32F,
-                cv::Scalar(1e30));
-  for (const SurfacePoint& point : points) {
-    const Pixel p = project(view, point.position);
-    if (!p.inside) continue;
-    float& d = depth.at<float>(p.y() / cell, p.x() / cell);
-    d = std::min(d, float(p.depth));
-  }
-  return depth;
-}
-
 }  // namespace
 
 Velocities match_velocities(const std::vector<SurfacePoint>& points,
@@ -190,8 +177,11 @@ Velocities match_velocities(const std::vector<SurfacePoint>& points,
       // The mean of the nearest three reduces the effect of the sampling of the next frame.
       cv::Vec3d sum(0, 0, 0);
       int n = 0;
-      for (const std::uint32_t k : nearest(tree, query, 3).index) {
-        const cv::Vec3d step = next[k].position - points[i].position;
+      std::uint32_t nearest_three[3];
+      double squared[3];
+      const std::size_t found = tree.knnSearch(query.data(), 3, nearest_three, squared);
+      for (std::size_t k = 0; k < found; ++k) {
+        const cv::Vec3d step = next[nearest_three[k]].position - points[i].position;
         if (cv::norm(step) > reach) continue;
         sum += step;
         ++n;
@@ -206,25 +196,22 @@ Velocities match_velocities(const std::vector<SurfacePoint>& points,
 
 Velocities flow_velocities(const std::vector<SurfacePoint>& points, const std::vector<View>& views,
                            const std::vector<ViewMotion>& motion, int frame, double reach) {
-  constexpr int kCell = 6;
   Velocities raw(points.size(), kUnknown);
-  std::vector<cv::Mat> fronts;
+  std::vector<Fronts> fronts;
   fronts.reserve(views.size());
-  for (const View& view : views) fronts.push_back(nearest_depths(view, points, kCell));
-  for (std::size_t i = 0; i < points.size(); ++i) {
+  for (const View& view : views) fronts.emplace_back(view, points);
+  parallel_for(std::size_t{0}, points.size(), [&](std::size_t i) {
     std::vector<FlowRow> rows;
     for (std::size_t k = 0; k < views.size(); ++k) {
       const Pixel p = project(views[k], points[i].position);
       cv::Vec2d flow;
-      if (!p.inside || !motion[k].flow[frame].at(p.u, p.v, &flow)) continue;
-      const float front = fronts[k].at<float>(p.y() / kCell, p.x() / kCell);
-      if (p.depth > 1.05 * front) continue;
+      if (!p.inside || !motion[k].flow[frame].at(p.u, p.v, &flow) || fronts[k].hides(p)) continue;
       rows.push_back(flow_row(views[k], points[i].position, flow));
     }
-    if (rows.size() < 2) continue;
+    if (rows.size() < 2) return;
     const cv::Vec3d v = solve_flow(rows);
     if (cv::norm(v) <= reach) raw[i] = v;
-  }
+  });
   return Smoother(points, reach, kNarrow).smoothed(raw, kNarrow);
 }
 
@@ -251,35 +238,6 @@ Velocities propagate_velocities(const DynamicFrame& last, const DynamicFrame& be
   return out;
 }
 
-Result<MotionFit> measure_motion(const PreparedCapture& capture, const std::vector<View>& views,
-                                 const std::vector<SurfacePoint>& points,
-                                 const Velocities& velocities, int next_frame) {
-  MotionFit fit;
-  long inside = 0;
-  double difference = 0;
-  for (const View& view : views) {
-    STGS_ASSIGN(const cv::Mat mask, load_mask_image(capture, view, next_frame));
-    if (mask.empty()) continue;
-    STGS_ASSIGN(const cv::Mat image, load_image(capture, view, next_frame));
-    std::vector<SurfacePoint> moved = points;
-    for (std::size_t i = 0; i < points.size(); ++i) moved[i].position += velocities[i];
-    constexpr int kCell = 6;
-    const cv::Mat front = nearest_depths(view, moved, kCell);
-    for (const SurfacePoint& point : moved) {
-      const Pixel p = project(view, point.position);
-      if (!p.inside || p.depth > 1.05 * front.at<float>(p.y() / kCell, p.x() / kCell)) continue;
-      ++fit.samples;
-      inside += mask.at<std::uint8_t>(p.y(), p.x()) ? 1 : 0;
-      const auto& c = image.at<cv::Vec3b>(p.y(), p.x());
-      for (int k = 0; k < 3; ++k) difference += std::abs(int(c[k]) - int(point.colour[k])) / 3.0;
-    }
-  }
-  if (fit.samples == 0) return fit;
-  fit.inside = double(inside) / double(fit.samples);
-  fit.colour = difference / double(fit.samples);
-  return fit;
-}
-
 namespace {
 
 Velocities matched_of(const VelocityInput& input, int frame) {
@@ -302,47 +260,44 @@ Velocities flowed_of(const VelocityInput& input, int frame, const Velocities& ma
                       matched);
 }
 
+// Mean residuals of the estimates over the measured frames.
 struct Residuals {
   double zero = 0, matched = 0, flowed = 0;
-  bool measured = false;
+  int frames = 0;
+  bool flow_wins = false;
 };
 
-Result<Residuals> residuals_of(const VelocityInput& input, const Velocities& matched, int frame) {
-  const std::vector<SurfacePoint>& points = input.frames[frame].points;
-  const auto fit = [&](const Velocities& velocities) {
-    return measure_motion(input.capture, input.views, points, velocities, frame + 1);
-  };
-  STGS_ASSIGN(const MotionFit zero, fit(Velocities(points.size(), cv::Vec3d(0, 0, 0))));
-  STGS_ASSIGN(const MotionFit by_match, fit(matched));
-  STGS_ASSIGN(const MotionFit by_flow, fit(flowed_of(input, frame, matched)));
-  return Residuals{zero.residual(), by_match.residual(), by_flow.residual(), zero.samples > 0};
+// Returns the frames to measure, of which the first is the most typical.
+std::vector<int> measured_frames(const VelocityInput& input) {
+  const int last = input.capture.frames - 2;
+  std::vector<int> out;
+  for (const int frame : {last / 2, 0, last}) {
+    const bool is_new = std::find(out.begin(), out.end(), frame) == out.end();
+    if (frame >= 0 && is_new && !input.frames[frame].points.empty()) out.push_back(frame);
+  }
+  return out;
 }
 
-// Returns the mean over some frames.
-Result<Residuals> mean_residuals(const VelocityInput& input, const std::vector<Velocities>& matched,
-                                 Work& work) {
-  const int frames = input.capture.frames,
-            count = std::max(0, std::min(frames - 1, kMeasuredFrames));
-  std::vector<int> measured;
-  for (int i = 0; i < count; ++i) {
-    const int frame = count == 1 ? 0 : i * (frames - 2) / (count - 1);
-    if (!input.frames[frame].points.empty()) measured.push_back(frame);
+// Measures one frame after the other, until flow does not win: finding it takes long.
+Result<Residuals> find_residuals(const VelocityInput& input,
+                                 const std::vector<Velocities>& matched) {
+  Residuals out;
+  for (const int frame : measured_frames(input)) {
+    const std::vector<SurfacePoint>& points = input.frames[frame].points;
+    STGS_TRY(input.find_flow({frame}));
+    const Velocities estimates[] = {Velocities(points.size(), cv::Vec3d(0, 0, 0)), matched[frame],
+                                    flowed_of(input, frame, matched[frame])};
+    STGS_ASSIGN(const std::vector<MotionFit> fits,
+                measure_motion(input.capture, input.views, points, estimates, frame + 1));
+    if (fits[0].samples == 0) continue;
+    const int n = ++out.frames;
+    out.zero += (fits[0].residual() - out.zero) / n;
+    out.matched += (fits[1].residual() - out.matched) / n;
+    out.flowed += (fits[2].residual() - out.flowed) / n;
+    out.flow_wins = fits[2].residual() < kClearlyLess * fits[1].residual();
+    if (!out.flow_wins) break;
   }
-  STGS_TRY(input.find_flow(measured));
-  std::vector<Residuals> found(measured.size());
-  STGS_TRY(work.for_each(int(measured.size()), [&](int i) -> Status {
-    STGS_ASSIGN(found[i], residuals_of(input, matched[measured[i]], measured[i]));
-    return {};
-  }));
-  Residuals mean;
-  for (const Residuals& one : found) {
-    if (!one.measured) continue;
-    mean.zero += one.zero / count;
-    mean.matched += one.matched / count;
-    mean.flowed += one.flowed / count;
-    mean.measured = true;
-  }
-  return mean;
+  return out;
 }
 
 // Replaces velocities by those from flow.
@@ -364,7 +319,7 @@ Status take_flow(const VelocityInput& input, Work& work, std::vector<Velocities>
 }  // namespace
 
 Status choose_velocities(const VelocityInput& input, Work& work, ChosenVelocities* out) {
-  work.stage("velocities", input.find_flow && input.capture.frames > 1 ? 5 : 1);
+  work.stage("velocities", input.find_flow && input.capture.frames > 1 ? 6 : 1);
   out->frames.resize(input.capture.frames);
   STGS_TRY(work.for_each(input.capture.frames, [&](int frame) -> Status {
     out->frames[frame] = matched_of(input, frame);
@@ -374,14 +329,13 @@ Status choose_velocities(const VelocityInput& input, Work& work, ChosenVelocitie
     out->kind = "nearest neighbours";
     return {};
   }
-  STGS_ASSIGN(const Residuals mean, mean_residuals(input, out->frames, work));
-  if (!mean.measured) {
+  STGS_ASSIGN(const Residuals mean, find_residuals(input, out->frames));
+  if (mean.frames == 0) {
     work.log("velocities: not measured (no dynamic points in the sampled frames)");
     return {};
   }
-  const bool flow_wins = mean.flowed < kClearlyLess * mean.matched;
-  if (flow_wins) STGS_TRY(take_flow(input, work, &out->frames));
-  out->kind = flow_wins ? "lifted flow" : "nearest neighbours";
+  if (mean.flow_wins) STGS_TRY(take_flow(input, work, &out->frames));
+  out->kind = mean.flow_wins ? "lifted flow" : "nearest neighbours";
   work.log(
       fmt::format("velocities: {} (residual in the next frame: zero velocity {:.2f}, nearest "
                   "neighbours {:.2f}, lifted flow {:.2f})",

@@ -9,11 +9,10 @@
 
 #include "init/dynamic_points.h"
 #include "init/motion.h"
+#include "init/motion_fit.h"
 #include "init/work.h"
 
 namespace stgs::encoder::init {
-
-using Velocities = std::vector<cv::Vec3d>;  // per point, scene units per frame; NaN: unknown
 
 // Returns the displacement to the nearest points of `next` in position and colour, smoothed by the
 // median over neighbouring points. Unknown where nothing matches within `reach` scene units. `sign`
@@ -35,19 +34,6 @@ Velocities fill_unknown(const Velocities& first, const Velocities& second);
 Velocities propagate_velocities(const DynamicFrame& last, const DynamicFrame& before,
                                 const Velocities& velocities);
 
-// Agreement of the moved points with the next frame.
-struct MotionFit {
-  double inside = 0;  // fraction of the projections inside the masks of the next frame
-  double colour = 0;  // mean absolute difference to the next frame, grey levels
-  long samples = 0;   // number of projections
-  // Returns the residual in grey levels. A projection outside the masks counts as 64 levels.
-  double residual() const { return samples == 0 ? 1e9 : colour + 64 * (1 - inside); }
-};
-// Projects the points, moved by their velocities, into the frame `next_frame` of all views.
-Result<MotionFit> measure_motion(const PreparedCapture& capture, const std::vector<View>& views,
-                                 const std::vector<SurfacePoint>& points,
-                                 const Velocities& velocities, int next_frame);
-
 struct VelocityInput {
   const PreparedCapture& capture;
   const std::vector<View>& views;
@@ -65,8 +51,8 @@ struct ChosenVelocities {
   std::string kind = "none";       // the estimate, for logs
 };
 
-// Computes both estimates in some frames and chooses the one that agrees better with the next
-// frames, in a stage of `work`. The last frame uses the frame before it.
+// Computes both estimates in up to three frames and chooses flow if it agrees clearly better with
+// each next frame, in a stage of `work`. The last frame uses the frame before it.
 Status choose_velocities(const VelocityInput& input, Work& work, ChosenVelocities* out);
 
 }  // namespace stgs::encoder::init
