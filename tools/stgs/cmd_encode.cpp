@@ -139,6 +139,7 @@ class Encode final : public Command {
     if (!encoder::sample_views(shown, true, encoder::kMaxHeldOutImages).empty()) {
       packing.against_capture = std::make_shared<const encoder::PreparedCapture>(capture);
       packing.foreground = training.foreground;
+      packing.held_out_before = train_report.held_out;  // the latest is that of the final scene
     }
     const EndAfterSignal end(session, output_ + ": not written");
     STGS_TRY(encoder::pack({trained}, output_, packing, &pack_report, session.progress_sink(),

@@ -180,13 +180,15 @@ Result<HeldOutViews> load_held_out_views(const Scene& scene, const std::string& 
 // Measures the scores of renders. Failure is only a warning, because the file does not depend on
 // them.
 void measure_psnr(const Scene& scene, const Scene& packed, const HeldOutViews* views,
-                  const LogSink& log, PackReport& report) {
+                  const std::optional<HeldOutScore>& before, const LogSink& log,
+                  PackReport& report) {
   try {
     report.images_psnr = render_psnr(scene, packed);
     if (views == nullptr) return;
     const float* b = scene.metadata.background;
     const math::Vec3 background{b[0], b[1], b[2]};
-    report.held_out_before = views->evaluate(scene.gaussians, background, scene.metadata.kernel);
+    report.held_out_before =
+        before ? before : views->evaluate(scene.gaussians, background, scene.metadata.kernel);
     report.held_out_after = views->evaluate(packed.gaussians, background, scene.metadata.kernel);
   } catch (const std::length_error& error) {
     if (log)
@@ -224,7 +226,8 @@ Status pack(const std::vector<std::string>& scene_paths, const std::string& outp
   STGS_TRY(result.status());
   const Packed& packed = *result;
   STGS_TRY(report_progress(0.8, "measuring"));
-  measure_psnr(scene, packed.decoded, views ? &*views : nullptr, log, found);
+  measure_psnr(scene, packed.decoded, views ? &*views : nullptr, settings.held_out_before, log,
+               found);
   STGS_TRY(report_progress(0.95, "writing"));
   STGS_TRY(write_file_atomically(output_path, packed.bytes));
   // Too late to cancel.

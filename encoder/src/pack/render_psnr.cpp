@@ -2,12 +2,14 @@
 #include "pack/render_psnr.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numeric>
 #include <vector>
 
 #include "stgs/encoder/metrics.h"
 #include "stgs/format/math/surface.h"
+#include "stgs/format/parallel.h"
 #include "stgs/format/raster.h"
 
 namespace stgs::encoder {
@@ -85,22 +87,25 @@ std::optional<double> render_psnr(const Scene& scene, const Scene& packed) {
   const SceneMetadata& metadata = scene.metadata;
   if (!metadata.start_camera) return std::nullopt;
   const auto start = limit_size(pinhole_of(*metadata.start_camera, metadata.near_plane), kMaxSide);
-  RenderBuffers before, after;
-  float depth = 0.0f;
-  double error = 0.0;
-  for (int i = 0; i < kPsnrImages; ++i) {
-    const double time = (i + 0.5) / kPsnrImages * scene.metadata.frames;
-    const double t = std::floor(time);
-    const float side = (i / 2) % 2 == 0 ? 1.0f : -1.0f;
-    const bool orbited = i % 2 == 1;
-    const auto camera =
-        orbited ? orbit(start, side * kYaw, (i / 4 == 0 ? kPitch : -kPitch), depth) : start;
-    render_scene(scene, t, camera, before);
-    if (!orbited) depth = depth_in_view(before.output, start.near_plane);
-    render_scene(packed, t, camera, after);
-    error += mean_squared_error(before.output.colour, after.output.colour) / kPsnrImages;
-  }
-  return psnr_of(error);
+  // Each start view and the orbited one after it, which depends on its depth.
+  std::array<double, kPsnrImages / 2> errors{};
+  parallel_for(0, kPsnrImages / 2, [&](int pair) {
+    RenderBuffers before, after;
+    float depth = 0.0f;
+    for (int i = 2 * pair; i < 2 * pair + 2; ++i) {
+      const double time = (i + 0.5) / kPsnrImages * scene.metadata.frames;
+      const double t = std::floor(time);
+      const float side = pair % 2 == 0 ? 1.0f : -1.0f;
+      const bool orbited = i % 2 == 1;
+      const auto camera =
+          orbited ? orbit(start, side * kYaw, (i / 4 == 0 ? kPitch : -kPitch), depth) : start;
+      render_scene(scene, t, camera, before);
+      if (!orbited) depth = depth_in_view(before.output, start.near_plane);
+      render_scene(packed, t, camera, after);
+      errors[pair] += mean_squared_error(before.output.colour, after.output.colour) / kPsnrImages;
+    }
+  });
+  return psnr_of(std::accumulate(errors.begin(), errors.end(), 0.0));
 }
 
 }  // namespace stgs::encoder

@@ -4,11 +4,14 @@
 #include <algorithm>
 
 #include "stgs/encoder/metrics.h"
+#include "stgs/format/parallel.h"
 #include "stgs/format/raster.h"
 
 namespace stgs::encoder {
 
 namespace {
+
+constexpr std::size_t kPixelsAtOnce = 1 << 23;  // rendering takes about 40 bytes per pixel
 
 // Returns whether a frame has the mask that the foreground needs.
 bool can_show(const PreparedCapture& capture, const Camera& camera, int frame) {
@@ -52,26 +55,33 @@ Result<HeldOutViews> HeldOutViews::load(const PreparedCapture& capture, bool tes
 
 HeldOutScore HeldOutViews::evaluate(const Gaussians4D& set, math::Vec3 background,
                                     int kernel) const {
-  HeldOutScore score;
-  SplatFrame frame;
-  RasterOutput output;
   RasterSettings settings;
   settings.background = background;
   settings.kernel = kernel;
-  for (const View& view : views_) {
+  std::vector<HeldOutScore> scores(views_.size());
+  const auto score = [&](std::size_t i) {
+    const View& view = views_[i];
+    SplatFrame frame;
+    RasterOutput output;
     render(set, view.ticks, view.camera, settings, frame, output);
     // Non-finite values count as black.
     for (float& v : output.colour.data) v = v > 0.0f ? std::min(v, 1.0f) : 0.0f;
     const Image ground_truth = to_float(view.ground_truth);
-    score.psnr += psnr_of(mean_squared_error(output.colour, ground_truth));
-    score.psnr_cc += psnr_of(colour_corrected_error(output.colour, ground_truth));
-    ++score.images;
+    scores[i].psnr = psnr_of(mean_squared_error(output.colour, ground_truth));
+    scores[i].psnr_cc = psnr_of(colour_corrected_error(output.colour, ground_truth));
+  };
+  std::size_t largest = 1;
+  for (const View& view : views_) largest = std::max(largest, view.ground_truth.data.size() / 3);
+  const std::size_t at_once = std::max<std::size_t>(1, kPixelsAtOnce / largest);
+  for (std::size_t i = 0; i < views_.size(); i += at_once)
+    parallel_for(i, std::min(i + at_once, views_.size()), score);
+  HeldOutScore mean;
+  mean.images = static_cast<int>(views_.size());
+  for (const HeldOutScore& one : scores) {
+    mean.psnr += one.psnr / mean.images;
+    mean.psnr_cc += one.psnr_cc / mean.images;
   }
-  if (score.images > 0) {
-    score.psnr /= score.images;
-    score.psnr_cc /= score.images;
-  }
-  return score;
+  return mean;
 }
 
 }  // namespace stgs::encoder

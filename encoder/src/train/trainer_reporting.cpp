@@ -72,6 +72,7 @@ bool Trainer::score_held_out() {
   } catch (const std::length_error& error) {
     log_(1, fmt::format("iteration {}: held-out views could not be rendered: {}", state_.iteration,
                         error.what()));
+    score_.reset();
     return false;
   }
 }

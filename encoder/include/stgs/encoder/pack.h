@@ -40,6 +40,8 @@ struct PackSettings {
   std::string against;
   // Or that capture itself, with frames that may be in memory alone; null: none.
   std::shared_ptr<const PreparedCapture> against_capture = nullptr;
+  // The score of the scene itself on these cameras, if it is known (TrainReport::held_out).
+  std::optional<HeldOutScore> held_out_before = std::nullopt;
   bool allow_outside = false;  // links in `against` may lead out of it
   bool foreground = false;     // the scene was trained with TrainSettings::foreground
   // Metadata to write in place of the scene's; unset or 0: the scene's.
