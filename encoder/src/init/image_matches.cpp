@@ -75,12 +75,12 @@ void keep_consistent(PairMatches* pair) {
 
 }  // namespace
 
-Features find_features(const cv::Mat& image, std::size_t limit) {
+Features find_features(const cv::Mat& image, std::size_t limit, const cv::Mat& mask) {
   cv::Mat grey;
   cv::cvtColor(image, grey, cv::COLOR_RGB2GRAY);
   std::vector<cv::KeyPoint> points;
   cv::Mat descriptors;
-  cv::SIFT::create(int(limit), 3, kContrast)->detectAndCompute(grey, {}, points, descriptors);
+  cv::SIFT::create(int(limit), 3, kContrast)->detectAndCompute(grey, mask, points, descriptors);
   std::vector<int> order(points.size());
   std::iota(order.begin(), order.end(), 0);
   std::stable_sort(order.begin(), order.end(),

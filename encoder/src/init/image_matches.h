@@ -24,8 +24,9 @@ struct Features {
   cv::Mat descriptors;  // one row per point
 };
 
-// Finds at most `limit` features of an 8-bit RGB image, those of most contrast first.
-Features find_features(const cv::Mat& image, std::size_t limit);
+// Finds at most `limit` features of an 8-bit RGB image, those of most contrast first, and returns
+// those of them that are inside the mask, if there is one.
+Features find_features(const cv::Mat& image, std::size_t limit, const cv::Mat& mask = {});
 
 // Returns the indices (in a, in b) of features that match clearly, in both directions.
 std::vector<std::pair<int, int>> match_features(const Features& a, const Features& b);
