@@ -286,14 +286,6 @@ Status hand_over_points(const State& state) {
   return write_points(folder + "/points_dynamic.ply", state.dynamic_points);
 }
 
-void log_timings(const State& state) {
-  for (const StageTime& stage : state.work.timings()) {
-    state.work.log(
-        fmt::format("{}: {:.2f} s, {:.1f} core s", stage.name, stage.seconds, stage.core_seconds),
-        3);
-  }
-}
-
 Status run(State& state) {
   const std::future<void> gpu = geometry::start_gpu(state.settings.backend);
   state.views = motion_views(state);
@@ -324,7 +316,8 @@ Status run(State& state) {
     STGS_TRY(write_report(state.capture, state.views, state.scene, state.motion,
                           state.static_points, state.dynamic_points, facts_of(state)));
   }
-  log_timings(state);
+  log_times(state.work.timings(),
+            [&](int level, const std::string& line) { state.work.log(line, level); });
   return {};
 }
 
@@ -363,7 +356,8 @@ Status run_later(State& state, const StaticFindings& findings) {
   collect_points(state);
   state.static_points = findings.points;
   STGS_TRY(hand_over_points(state));
-  log_timings(state);
+  log_times(state.work.timings(),
+            [&](int level, const std::string& line) { state.work.log(line, level); });
   return {};
 }
 

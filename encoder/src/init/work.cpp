@@ -2,48 +2,27 @@
 #include "init/work.h"
 
 #include <algorithm>
-#include <ctime>
 #include <exception>
 
 #include "stgs/format/parallel.h"
 
 namespace stgs::encoder::init {
-namespace {
-
-double since(std::chrono::steady_clock::time_point start) {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-}
-
-double core_seconds() {
-  timespec used{};
-  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &used);
-  return static_cast<double>(used.tv_sec) + 1e-9 * static_cast<double>(used.tv_nsec);
-}
-
-}  // namespace
-
-StageTime Work::current() const {
-  return {name_, since(start_), core_seconds() - core_start_};
-}
 
 void Work::stage(const std::string& name, int passes) {
-  if (!name_.empty()) done_.push_back(current());
-  name_ = name;
   passes_ = passes;
   passed_ = 0;
-  start_ = std::chrono::steady_clock::now();
-  core_start_ = core_seconds();
+  clock_.begin(name);
 }
 
 Status Work::report_while(int total, const std::function<Status(Counter&)>& task) {
   const ProgressSink watched = [&](Progress report) {
     report.done = std::min(1.0, (passed_ + report.done) / passes_);
-    if (report.done > 0) report.eta_seconds = since(start_) * (1 - report.done) / report.done;
+    if (report.done > 0) report.eta_seconds = clock_.seconds() * (1 - report.done) / report.done;
     if (progress_ && !progress_(report)) cancelled_ = true;
     return !cancelled_;
   };
   if (total == 0) return {};
-  Status status = run_reporting(name_, std::uint64_t(total), watched, task);
+  Status status = run_reporting(clock_.stage(), std::uint64_t(total), watched, task);
   ++passed_;
   return status;
 }
@@ -53,7 +32,7 @@ Status Work::for_each(int count, const std::function<Status(int)>& task) {
   std::atomic<int> failed{count};  // lowest failed index; higher indices are skipped
   const auto run_one = [&](Counter& counter, int i) {
     if (i > failed || !check().ok()) return;
-    results[i] = guarded(name_, [&] { return task(i); });
+    results[i] = guarded(clock_.stage(), [&] { return task(i); });
     ++counter.done;
     int lowest = failed;
     while (!results[i].ok() && i < lowest && !failed.compare_exchange_weak(lowest, i)) {
@@ -75,18 +54,12 @@ Status Work::wait_for(const std::function<Status()>& task) {
 }
 
 Status Work::check() const {
-  if (cancelled_) return runtime_error("{}: cancelled", name_);
+  if (cancelled_) return runtime_error("{}: cancelled", clock_.stage());
   return {};
 }
 
 void Work::log(const std::string& line, int level) const {
   if (log_) log_(level, line);
-}
-
-std::vector<StageTime> Work::timings() const {
-  auto all = done_;
-  if (!name_.empty()) all.push_back(current());
-  return all;
 }
 
 Status guarded(const std::string& what, const std::function<Status()>& task) {

@@ -4,23 +4,16 @@
 #pragma once
 
 #include <atomic>
-#include <chrono>
 #include <functional>
 #include <string>
 #include <vector>
 
 #include "capture/reporting.h"
+#include "stage_clock.h"
 #include "stgs/encoder/progress.h"
 #include "stgs/format/status.h"
 
 namespace stgs::encoder::init {
-
-// The duration of a stage.
-struct StageTime {
-  std::string name;
-  double seconds = 0;       // elapsed
-  double core_seconds = 0;  // computed by all threads of the process
-};
 
 class Work {
  public:
@@ -43,20 +36,16 @@ class Work {
   // Logs a line. The default level 2 is information.
   void log(const std::string& line, int level = 2) const;
   // Returns the time of each stage, including the current one.
-  std::vector<StageTime> timings() const;
+  std::vector<StageTime> timings() const { return clock_.times(); }
 
  private:
   const ProgressSink& progress_;
   const LogSink& log_;
-  StageTime current() const;
   Status report_while(int total, const std::function<Status(Counter&)>& task);
 
-  std::string name_;
+  StageClock clock_;
   int passes_ = 1, passed_ = 0;
   std::atomic<bool> cancelled_{false};
-  std::chrono::steady_clock::time_point start_;
-  double core_start_ = 0;
-  std::vector<StageTime> done_;
 };
 
 // Runs `task` and converts an exception to an error that names `what`.

@@ -67,9 +67,12 @@ Result<std::unique_ptr<Trainer>> Trainer::create(const PreparedCapture& capture,
   STGS_ASSIGN(trainer->perceptual_, PerceptualTerm::create(settings, choice.parameters,
                                                            *trainer->backend_, trainer->log_));
   STGS_TRY(trainer->perceptual_.check_sizes(capture.cameras));
+  trainer->clock_.begin("initial state");
   STGS_TRY(trainer->prepare_state());
   STGS_TRY(trainer->prepare_ranks());
+  trainer->clock_.begin("training memory");
   STGS_TRY(trainer->prepare_backend());
+  trainer->clock_.begin("training images");
   STGS_TRY(trainer->load_frames());
   if (!settings.log_path.empty() && trainer->ranks_.is_first()) {
     STGS_TRY(trainer->log_file_.open(settings.log_path, trainer->state_.iteration));
@@ -348,6 +351,7 @@ Status Trainer::train() {
   // A window without moving content adds nothing to the persistent set.
   if (persistent_ != nullptr && fixed_ == state_.size()) return {};
   densified_at_ = growth_progress();
+  clock_.begin("training steps");
   STGS_TRY(backend_->begin(state_));
   // A run that was already complete has its latest evaluation only in the log.
   if (finished() && !held_out_.empty()) (void)score_held_out();

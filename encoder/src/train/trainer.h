@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "backend/backend.h"
+#include "stage_clock.h"
 #include "stgs/encoder/persistent_set.h"
 #include "stgs/encoder/train.h"
 #include "train/fingerprint.h"
@@ -34,16 +35,17 @@ class Trainer {
 
   // Runs to the end. If the progress sink cancels, writes a checkpoint and returns kRuntime.
   Status run();
-  // Returns the trained scene. Call after run(). Only rank 0's scene has importances.
-  Result<Scene> scene();
-  // Replaces the persistent set of a window with that for the next window. Call before scene().
-  void find_persistent(PersistentSet& set);
+  // Returns the trained scene after run(), and replaces the persistent set of a window with that
+  // for the next window; null for a complete capture. Only rank 0's scene has importances.
+  Result<Scene> result(PersistentSet* persistent);
   // Returns the report of the run so far.
   TrainReport report() const;
   // Gives the backend away. Nothing else may be called afterwards.
   std::shared_ptr<TrainBackend> take_backend() { return std::move(backend_); }
 
  private:
+  Result<Scene> scene();
+  void find_persistent(PersistentSet& set);
   Trainer(const PreparedCapture& capture, const TrainSettings& settings, ProgressSink progress,
           LogSink log);
 
@@ -186,6 +188,7 @@ class Trainer {
   std::uint64_t steps_read_ = 0;    // iterations, one view each, in the running mean
   ViewOrder order_;
   std::chrono::steady_clock::time_point started_, reported_;
+  StageClock clock_;
   double importance_seconds_ = 0;
   double seconds_before_ = 0;          // of the runs that this one resumes
   std::uint64_t first_iteration_ = 0;  // of this run

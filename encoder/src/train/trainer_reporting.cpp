@@ -55,12 +55,14 @@ Status Trainer::evaluate_held_out() {
   evaluations_done_ = evaluations_due();
   STGS_TRY(read_steps());
   const Clock::time_point begin = Clock::now();
+  clock_.begin("held-out images");
   STGS_TRY(backend_->synchronise());
   if (held_out_.empty()) return {};
   if (score_held_out()) {
     log_file_.write(LoggedEvaluation{state_.iteration, state_.seconds, *score_});
   }
   started_ += Clock::now() - begin;
+  clock_.begin("training steps");
   return {};
 }
 

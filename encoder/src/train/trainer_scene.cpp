@@ -34,6 +34,8 @@ std::uint64_t peak_memory_bytes() {
 Result<std::vector<float>> Trainer::importance() {
   using Clock = std::chrono::steady_clock;
   const Clock::time_point begin = Clock::now();
+  const std::string interrupted = clock_.stage();
+  clock_.begin("importances");
   const auto seconds = [begin] {
     return std::chrono::duration<double>(Clock::now() - begin).count();
   };
@@ -53,6 +55,7 @@ Result<std::vector<float>> Trainer::importance() {
   std::optional<std::vector<float>> importance =
       compute_importance(*backend_, *make_cpu_backend(), state_, views, should_continue, log_);
   importance_seconds_ += seconds();
+  clock_.begin(interrupted);
   if (importance) return *std::move(importance);
   return runtime_error("stopped at iteration {}, before the importances were complete; {}",
                        state_.iteration, resume_hint());
@@ -101,6 +104,14 @@ void Trainer::find_persistent(PersistentSet& set) {
       PersistentSet(std::make_shared<const TrainState>(
                         persistent_state(state_, persistent, carried, stored_, capture_.frames)),
                     set.carries_moving(), std::move(recorded), changes_.residuals, std::move(ends));
+}
+
+Result<Scene> Trainer::result(PersistentSet* persistent) {
+  clock_.begin("trained scene");
+  if (persistent != nullptr) find_persistent(*persistent);
+  Result<Scene> out = scene();
+  log_times(clock_.times(), log_);
+  return out;
 }
 
 Result<Scene> Trainer::scene() {
@@ -155,8 +166,7 @@ Result<Scene> train(const PreparedCapture& capture, const TrainSettings& setting
     STGS_ASSIGN(const std::unique_ptr<Trainer> trainer,
                 Trainer::create(capture, settings, window, progress, log));
     STGS_TRY(trainer->run());
-    if (persistent != nullptr) trainer->find_persistent(*persistent);
-    Result<Scene> scene = trainer->scene();
+    Result<Scene> scene = trainer->result(persistent);
     if (scene.ok() && report != nullptr) *report = trainer->report();
     if (scene.ok() && window.backend != nullptr) *window.backend = trainer->take_backend();
     return scene;
