@@ -12,6 +12,7 @@
 #include "geometry/view_matcher.h"
 #include "init_settings.h"
 #include "plural.h"
+#include "rig_file.h"
 #include "serial_opencv.h"
 #include "source_capture.h"
 #include "stgs/encoder/camera_json.h"
@@ -212,6 +213,10 @@ class Preparer final : public WindowPreparer {
     init.write_report = files;
     STGS_TRY(index == 0 ? initialise(window, init, progress, log, &findings_)
                         : initialise_later(window, init, *findings_, progress, log));
+    if (files) {
+      const double fps = 1 / complete_.time_base.seconds(1);
+      STGS_TRY(write_rig(source_, plans_, fps, folder + "/rig.json"));
+    }
     STGS_TRY(write_prepared_capture(window));
     return window;
   }
