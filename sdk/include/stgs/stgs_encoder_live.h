@@ -84,6 +84,8 @@ typedef struct stgs_live_window {
   int32_t written;         /* 0: preparing or writing failed, and the log has the reason; the window
                             * shows static content only */
   int32_t reserved;        /* 0 */
+  double psnr;             /* of training images at the end of training, dB; views that training has
+                            * not seen have less. 0: the window was not trained */
 } stgs_live_window;
 
 /* Receives a window once it is in the recording. Called on a thread of the session, which waits for
@@ -242,6 +244,8 @@ typedef struct stgs_live_report {
   int32_t ended;         /* 1: encoding has ended, because all cameras have, or by an error;
                           * call stgs_live_finish */
   int32_t reserved;      /* 0 */
+  double psnr;           /* mean of those of the windows (stgs_live_window), per frame, dB; 0: none
+                          * was trained */
 } stgs_live_report;
 
 /* Returns the totals so far. Does not wait for encoding. STGS_ERROR_STATE: the session has not

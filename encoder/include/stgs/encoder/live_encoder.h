@@ -57,8 +57,10 @@ struct LiveWindow {
   int point_interval = 1, iterations = 0;
   std::uint64_t primitives = 0, persistent = 0, bytes = 0;  // as in StreamWindow
   double loss = 0;                                          // of training
-  double prepare_seconds = 0, train_seconds = 0;            // with writing
-  double step_seconds = 0;                                  // of the iterations, in train_seconds
+  // Of images that training has seen, at its end, dB (TrainReport::psnr); 0: it had no step.
+  double psnr = 0;
+  double prepare_seconds = 0, train_seconds = 0;  // with writing
+  double step_seconds = 0;                        // of the iterations, in train_seconds
   double latency = 0;   // of the frame that waited longest since its last image arrived, seconds
   int waiting = 0;      // frames that wait
   bool written = true;  // false: the disk or the preparation failed; it shows static content alone
@@ -72,6 +74,7 @@ struct LiveReport {
   std::uint64_t missing = 0;  // images of cameras that take part, not delivered in time
   int frames = 0, windows = 0, lost_frames = 0;  // lost: of windows that were not written
   std::uint64_t primitives = 0, persistent = 0, bytes = 0;
+  double psnr = 0;  // mean of those of the windows, per frame, dB; 0: none has one
   double latency_median = 0, latency_p95 = 0, latency_max = 0;  // per frame, seconds
 };
 
@@ -166,6 +169,7 @@ class LiveEncoder {
   bool prepared_all_ = false, trained_all_ = false, stopped_ = false;
   Status error_;
   LiveReport report_;
+  int measured_frames_ = 0;               // of windows with a PSNR
   std::vector<std::uint32_t> latencies_;  // frames, by milliseconds
   std::thread preparing_, training_;      // last: they use the members above
 };
