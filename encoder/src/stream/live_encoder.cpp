@@ -7,9 +7,10 @@
 #include <filesystem>
 #include <utility>
 
+#include "live_capture.h"
 #include "live_controller.h"
 #include "live_queue.h"
-#include "stgs/encoder/frame_memory.h"
+#include "plural.h"
 #include "train/machine_memory.h"
 #include "train/training_choice.h"
 
@@ -148,6 +149,7 @@ Status LiveEncoder::prepare_all() {
   {
     const std::lock_guard lock(mutex_);
     report_.cameras = static_cast<int>(taking_part_.size());
+    controller_->limit_halvings(max_halvings(rig_.cameras));
   }
   for (int index = 0;; ++index) {
     STGS_ASSIGN(const bool has_more, prepare_next(index));
@@ -155,40 +157,39 @@ Status LiveEncoder::prepare_all() {
   }
 }
 
-PreparedCapture LiveEncoder::assemble(const LiveFrames& frames, LiveWindow& window) const {
-  PreparedCapture capture = rig_;
-  capture.first_frame = frames.first;
-  capture.frames = static_cast<int>(frames.frames.size());
-  capture.memory = std::make_shared<FrameMemory>();
-  for (std::size_t f = 0; f < frames.frames.size(); ++f) {
-    for (std::size_t c = 0; c < taking_part_.size(); ++c) {
-      const auto& image = frames.frames[f].images[taking_part_[c]];
-      if (image)
-        capture.memory->add_frame(rig_.cameras[c].name, static_cast<int>(f), image);
-      else
-        ++window.missing;
-    }
-  }
-  return capture;
+bool LiveEncoder::log_overflow() {
+  const std::uint64_t overflow = queue_->dropped().overflow, before = overflow_;
+  overflow_ = overflow;
+  if (overflow == before) return false;
+  const bool is_smallest = controller_->halvings() == controller_->max_halvings();
+  log_(1, fmt::format("encoding is too slow: {} dropped{}", plural(overflow - before, "image"),
+                      is_smallest ? "; use fewer cameras or smaller images (--scale)" : ""));
+  return true;
 }
 
-void LiveEncoder::log_overflow() {
-  const std::uint64_t overflow = queue_->dropped().overflow;
-  if (overflow > overflow_) {
-    log_(1, fmt::format("encoding is too slow: {} images dropped; use fewer cameras or smaller "
-                        "images (--scale)",
-                        overflow - overflow_));
+int LiveEncoder::choose_halvings(int first_frame, int ready, bool overflowed) {
+  std::unique_lock lock(mutex_);
+  const int before = controller_->halvings();
+  const int halvings = controller_->choose_halvings(ready, overflowed);
+  lock.unlock();
+  if (halvings != before) {
+    constexpr const char* kSizes[] = {"the full", "half the", "a quarter of the"};
+    static_assert(std::size(kSizes) == kMaxHalvings + 1);
+    const bool is_smaller = halvings > before;
+    log_(is_smaller ? 1 : 2,
+         fmt::format("encoding is {}: images have {} size from frame {} on",
+                     is_smaller ? "too slow" : "fast enough", kSizes[halvings], first_frame));
   }
-  overflow_ = overflow;
+  return halvings;
 }
 
 // Returns whether there was a window.
 Result<bool> LiveEncoder::prepare_next(int index) {
   const auto clock = [this] { return now(); };
-  const int least = controller_->window();
-  const int most = index == 0 ? least : controller_->frames(queue_->ready(now()));
+  const int least = controller_->window(), ready = queue_->ready(now());
+  const int most = index == 0 ? least : controller_->frames(ready);
   const LiveFrames frames = queue_->take(least, most, clock);
-  log_overflow();
+  const bool overflowed = log_overflow();
   if (frames.frames.empty()) return false;
   if (frames.first + static_cast<int>(frames.frames.size()) > kMaxFrames) {
     log_(1, fmt::format("the recording has its maximum length, {} frames; start another one",
@@ -199,30 +200,19 @@ Result<bool> LiveEncoder::prepare_next(int index) {
   LiveWindow& window = prepared.window;
   window.first_frame = frames.first;
   window.frames = static_cast<int>(frames.frames.size());
+  window.missing = count_missing(frames, taking_part_);
   for (const LiveFrame& frame : frames.frames) prepared.arrived.push_back(frame.arrived);
-  prepared.capture = assemble(frames, window);
+  if (index > 0) prepared.halvings = choose_halvings(frames.first, ready, overflowed);
+  window.scale = 1.0 / (1 << prepared.halvings);
+  const double begin = now();
+  prepared.capture = live_capture(rig_, taking_part_, frames, prepared.halvings);
   prepared.capture.folder = fmt::format("{}/window-{}", folder_, index % 3);
   fs::create_directories(prepared.capture.folder);
   const bool has_images = window.missing < taking_part_.size() * frames.frames.size();
   if (has_images) {
-    if (index > 0) {
-      const std::lock_guard lock(mutex_);
-      window.point_interval = controller_->point_interval(window.frames, frames.waiting);
-    }
-    const double begin = now();
-    prepared.status = preparer_.prepare(
-        prepared.capture, window.point_interval,
-        [this](const Progress&) {
-          const std::lock_guard lock(mutex_);
-          return !stopped_;
-        },
-        log_);
+    prepare(prepared, index == 0, begin, frames.waiting);
     // Without the first window there is no static content.
     if (index == 0) STGS_TRY(prepared.status);
-    window.prepare_seconds = now() - begin;
-    const std::lock_guard lock(mutex_);
-    if (index > 0)
-      controller_->prepared(window.frames, window.point_interval, window.prepare_seconds);
   } else {
     prepared.status = runtime_error("frames {}:{}: no camera has delivered an image", frames.first,
                                     frames.first + window.frames);
@@ -233,6 +223,24 @@ Result<bool> LiveEncoder::prepare_next(int index) {
   next_ = std::move(prepared);
   handed_.notify_all();
   return true;
+}
+
+void LiveEncoder::prepare(Prepared& prepared, bool is_first, double begin, int waiting) {
+  LiveWindow& window = prepared.window;
+  if (!is_first) {
+    const std::lock_guard lock(mutex_);
+    window.point_interval = controller_->point_interval(window.frames, waiting);
+  }
+  const ProgressSink progress = [this](const Progress&) {
+    const std::lock_guard lock(mutex_);
+    return !stopped_;
+  };
+  prepared.status = preparer_.prepare(prepared.capture, window.point_interval, progress, log_);
+  window.prepare_seconds = now() - begin;
+  if (is_first) return;
+  const std::lock_guard lock(mutex_);
+  controller_->prepared(prepared.halvings, window.frames, window.point_interval,
+                        window.prepare_seconds);
 }
 
 void LiveEncoder::train_windows() {

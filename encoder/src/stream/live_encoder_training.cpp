@@ -86,7 +86,7 @@ Status LiveEncoder::write(Prepared& prepared) {
   if (is_first)
     controller_->first_trained(window.iterations, window.step_seconds);
   else
-    controller_->trained(window.iterations, window.train_seconds);
+    controller_->trained(prepared.halvings, window.frames, window.iterations, window.train_seconds);
   const auto longest = static_cast<double>(latencies_.size() - 1);
   for (const double arrived : prepared.arrived) {
     if (arrived == 0) continue;  // no camera has delivered it
@@ -124,6 +124,7 @@ void LiveEncoder::count(const Prepared& prepared) {
   report_.primitives += window.primitives;
   report_.persistent = window.written ? window.persistent : report_.persistent;
   report_.bytes += window.bytes;
+  report_.scale += (window.scale - report_.scale) * window.frames / report_.frames;
   if (window.psnr == 0) return;
   measured_frames_ += window.frames;
   report_.psnr += (window.psnr - report_.psnr) * window.frames / measured_frames_;

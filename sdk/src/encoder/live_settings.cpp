@@ -212,6 +212,7 @@ stgs_live_window to_c(const encoder::LiveWindow& window) {
   out.latency = window.latency;
   out.written = window.written ? 1 : 0;
   out.psnr = window.psnr;
+  out.scale = window.scale;
   return out;
 }
 
@@ -236,6 +237,7 @@ stgs_live_report to_c(const encoder::LiveReport& report, bool ended) {
   out.latency_max = report.latency_max;
   out.ended = ended ? 1 : 0;
   out.psnr = report.psnr;
+  out.scale = report.scale;
   return out;
 }
 
