@@ -39,15 +39,18 @@ double resident() {
 
 void print(const LiveWindow& w) {
   std::printf(
-      "{\"first_frame\": %d, \"frames\": %d, \"missing\": %llu, \"interval\": %d, \"iterations\": "
+      "{\"first_frame\": %d, \"frames\": %d, \"missing\": %llu, \"scale\": %g, \"interval\": %d, "
+      "\"iterations\": "
       "%d, \"prepare\": %.3f, \"train\": %.3f, \"steps\": %.3f, \"latency\": %.3f, \"waiting\": "
       "%d, \"primitives\": "
-      "%llu, \"persistent\": %llu, \"bytes\": %llu, \"loss\": %.4f, \"written\": %d, \"memory\": "
+      "%llu, \"persistent\": %llu, \"bytes\": %llu, \"loss\": %.4f, \"psnr\": %.2f, \"written\": "
+      "%d, \"memory\": "
       "%.0f}\n",
-      w.first_frame, w.frames, static_cast<unsigned long long>(w.missing), w.point_interval,
-      w.iterations, w.prepare_seconds, w.train_seconds, w.step_seconds, w.latency, w.waiting,
-      static_cast<unsigned long long>(w.primitives), static_cast<unsigned long long>(w.persistent),
-      static_cast<unsigned long long>(w.bytes), w.loss, w.written ? 1 : 0, resident());
+      w.first_frame, w.frames, static_cast<unsigned long long>(w.missing), w.scale,
+      w.point_interval, w.iterations, w.prepare_seconds, w.train_seconds, w.step_seconds, w.latency,
+      w.waiting, static_cast<unsigned long long>(w.primitives),
+      static_cast<unsigned long long>(w.persistent), static_cast<unsigned long long>(w.bytes),
+      w.loss, w.psnr, w.written ? 1 : 0, resident());
   std::fflush(stdout);
 }
 

@@ -79,6 +79,10 @@ class Live(CliTest):
         self.assertEqual(len(windows), report["windows"])
         self.assertEqual(sum(window["frames"] for window in windows), FRAMES)
         self.assertEqual(windows[0]["frames"], 8)
+        self.assertGreater(windows[0]["psnr"], 12)
+        self.assertGreater(report["psnr"], 12)
+        self.assertEqual(windows[0]["scale"], 1)
+        self.assertLessEqual(report["scale"], 1)
         self.assertEqual(sorted(os.listdir(self.work)),
                          sorted(["log.jsonl", "out.stgs", "rig.json", *(f"{name}.mp4" for name in self.names)]))
 

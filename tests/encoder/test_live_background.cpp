@@ -100,3 +100,25 @@ TEST_CASE("every n-th frame has points, in the middle of those that it stands fo
   CHECK(point_frames(3, 100) == std::vector<int>{1});
   CHECK(point_frames(1, 1) == std::vector<int>{0});
 }
+
+TEST_CASE("a live background continues with images of another size") {
+  LiveBackground background = of_wall();
+  const auto at_half = [](const cv::Mat& image) {
+    cv::Mat half;
+    cv::resize(image, half, {50, 40}, 0, 0, cv::INTER_AREA);
+    return half;
+  };
+  const cv::Mat box = with_box(kPlace), small_wall = at_half(wall()), small_box = at_half(box);
+  for (int frames = 0; frames < kRestFrames / 2; frames += kWindow)
+    see(background, {box, box, box});
+  background.resize(small_wall.size());
+  CHECK(cv::countNonZero(background.mask(small_wall)) == 0);
+  CHECK(background.mask(small_box).at<std::uint8_t>(kInside / 2) == 255);
+  // The time at rest counts from before.
+  for (int frames = 0; frames < kRestFrames / 2; frames += kWindow)
+    see(background, {small_box, small_box, small_box});
+  CHECK(background.mask(small_box).at<std::uint8_t>(kInside / 2) == 0);
+  CHECK(background.still().at<std::uint8_t>(kOutside / 2) == 255);
+  background.resize(box.size());
+  CHECK(share_of(background.mask(box)) < 0.01);
+}

@@ -180,6 +180,18 @@ TEST_CASE("frames that are pushed become a file, which can be read while it grow
   CHECK(*std::min_element(psnr.begin(), psnr.end()) > 15);
   psnr.resize(8);
   CHECK(test::mean_of(psnr) > 21);
+  // The reported PSNR is that of the training cameras.
+  std::vector<double> seen;
+  timed.frames = 8;
+  for (const Camera& camera : run.synthetic.capture.training_cameras()) {
+    timed.cameras = {camera};
+    const std::vector<double> of_camera = test::psnr_by_frame(run.output, timed);
+    seen.insert(seen.end(), of_camera.begin(), of_camera.end());
+  }
+  CHECK(run.windows[0].psnr == Approx(test::mean_of(seen)).margin(1));
+  double sum = 0;
+  for (const LiveWindow& window : run.windows) sum += window.psnr * window.frames;
+  CHECK(report.psnr == Approx(sum / kFrames));
 }
 
 TEST_CASE("a window without points or frames shows static content, and the next ones continue") {

@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// The frames of live cameras in order, and the work per window that keeps up.
+// The frames of live cameras in order.
 #include "stream/live_queue.h"
 
 #include <cmath>
 
 #include "catch.h"
-#include "stream/live_controller.h"
 
 using namespace stgs;
 using namespace stgs::encoder;
@@ -175,58 +174,4 @@ TEST_CASE("without cameras that film, a live capture does not start") {
   film(queue, 0, 0, 3);
   queue.end_all();
   CHECK(queue.start(1, clock.now()).empty());
-}
-
-TEST_CASE("the primitives that remain follow the limit of the bit rate") {
-  LiveController controller(30, 1.5, 900);
-  const double largest = controller.keep();
-  // 120 kB per window of 15 frames with all primitives, or 1,920 kbit/s.
-  const auto bytes = [&] { return 120e3 * controller.keep(); };
-  for (int i = 0; i < 30; ++i) CHECK(controller.wrote(15, bytes(), 4000));
-  CHECK(controller.keep() == largest);
-  for (int i = 0; i < 30; ++i) CHECK(controller.wrote(15, bytes(), 800));
-  CHECK(bytes() == Approx(50e3).epsilon(0.02));
-  // Content that takes more.
-  for (int i = 0; i < 30; ++i) CHECK(controller.wrote(15, 2 * bytes(), 800));
-  CHECK(2 * bytes() == Approx(50e3).epsilon(0.02));
-  // The limit cannot be reached; a higher one can again.
-  bool possible = true;
-  for (int i = 0; i < 30; ++i) possible = controller.wrote(15, bytes(), 100);
-  CHECK_FALSE(possible);
-  CHECK(controller.keep() > 0.05);
-  for (int i = 0; i < 30; ++i) controller.wrote(15, bytes(), 4000);
-  CHECK(controller.keep() == largest);
-}
-
-TEST_CASE("the work per window follows from its time") {
-  LiveController controller(30, 1.5, 900);
-  CHECK(controller.window() == 15);
-  CHECK(controller.frames(3) == 15);
-  CHECK(controller.frames(40) == 40);
-  CHECK(controller.frames(1000) == 60);
-  // A machine that needs 0.1 s, and 0.07 s per frame with points; 0.15 s, and 1 ms per iteration.
-  controller.first_trained(3000, 3);
-  for (int i = 0; i < 100; ++i) {
-    const int interval = controller.point_interval(15, 0), steps = controller.iterations(15, 0);
-    controller.prepared(15, interval, 0.1 + 0.07 * (15 / interval));
-    controller.trained(steps, 0.15 + 0.001 * steps);
-  }
-  // 90 % of the 0.5 s that a window lasts.
-  CHECK(controller.point_interval(15, 0) >= 3);
-  CHECK(controller.point_interval(15, 0) <= 4);
-  CHECK(controller.iterations(15, 0) == Approx(300).margin(10));
-  // More frames have more time, up to the work of the preset.
-  CHECK(controller.iterations(22, 0) > 400);
-  CHECK(LiveController(30, 1.5, 200).iterations(22, 0) == 200);
-  // With a backlog, or a long window that results from one, less than in the time of the window.
-  CHECK(controller.iterations(22, 30) < 100);
-  CHECK(controller.iterations(60, 0) < 450);
-  CHECK(controller.point_interval(22, 30) > controller.point_interval(22, 0));
-  // A machine that is too slow does the least.
-  for (int i = 0; i < 40; ++i) {
-    controller.prepared(15, 15, 5);
-    controller.trained(60, 60);
-  }
-  CHECK(controller.point_interval(15, 0) == 15);
-  CHECK(controller.iterations(15, 0) == 60);
 }

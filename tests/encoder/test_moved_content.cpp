@@ -9,6 +9,7 @@
 #include "fixtures/played_psnr.h"
 #include "fixtures/synthetic_capture.h"
 #include "fixtures/train_run.h"
+#include "stgs/encoder/frame_memory.h"
 #include "stgs/encoder/stream_encoder.h"
 #include "stgs/encoder/windows.h"
 #include "stgs/format/math/sh.h"
@@ -35,6 +36,28 @@ PreparedCapture window_at(const SyntheticCapture& synthetic, int begin) {
   const auto window = extract_window(synthetic.capture, {begin, begin + kWindow});
   REQUIRE(window.ok());
   return *window;
+}
+
+// The capture with images of twice the width and height, with the same content.
+PreparedCapture doubled(const PreparedCapture& capture) {
+  PreparedCapture out = capture;
+  out.memory = std::make_shared<FrameMemory>();
+  for (Camera& camera : out.cameras) {
+    for (int f = 0; f < capture.frames; ++f) {
+      const auto image = load_frame(capture, camera, f);
+      REQUIRE(image.ok());
+      Image8 large{2 * image->width, 2 * image->height, 3, {}};
+      for (int y = 0; y < large.height; ++y) {
+        for (int x = 0; x < 3 * large.width; ++x)
+          large.data.push_back(image->data[3 * (y / 2 * image->width + x / 6) + x % 3]);
+      }
+      out.memory->add_frame(camera.name, f, std::move(large));
+    }
+    camera.width *= 2;
+    camera.height *= 2;
+    for (double* value : {&camera.fx, &camera.fy, &camera.cx, &camera.cy}) *value *= 2;
+  }
+  return out;
 }
 
 // Whether a position is in the box, or next to it.
@@ -132,6 +155,14 @@ TEST_CASE("primitives of a moved box end when it leaves, and others stay") {
   CAPTURE(old_box, in_old, elsewhere, moved.ended.size());
   CHECK(static_cast<double>(in_old) >= 0.75 * static_cast<double>(old_box));
   CHECK(static_cast<double>(elsewhere) <= 0.01 * static_cast<double>(stored));
+  // Residuals of images of another size do not count.
+  const std::vector<Residual> other(set.residuals().size(), Residual(7, 0));
+  const auto ended_with = [&](const std::vector<Residual>& residuals) {
+    return find_changes(window_at(synthetic, 2 * kWindow), *set.state(), residuals,
+                        math::kBandLimited, 200)
+        ->ended.size();
+  };
+  CHECK(ended_with(other) == ended_with({}));
 
   std::vector<int> windows(set.size(), 0);
   for (int begin = 2 * kWindow; begin < kFrames; begin += kWindow) {
@@ -219,4 +250,49 @@ TEST_CASE("a file shows a moved box at its new place within a window, also after
   CHECK(mean_of(at_old, 3 * kWindow, kFrames) > box - 4);
   CHECK(mean_of(at_new, 3 * kWindow, kFrames) > box - 3);
   CHECK(mean_of(at_old, kArrives, 3 * kWindow) > 17);  // with the old box: 15.5 dB
+}
+
+TEST_CASE(
+    "content that moves while images are smaller ends, and nothing ends by a change of size") {
+  const SyntheticCapture synthetic(kCameras,
+                                   test::box_move(kFrames, kOld, kNew, kLeaves, kArrives));
+  StreamSettings settings;
+  settings.train = settings_of(800);
+  settings.later_share = 0.75;
+  settings.resumable = false;
+  settings.carries_moving = true;  // as live
+  const PreparedCapture large = doubled(synthetic.capture);
+  const std::string folder = synthetic.capture.folder + "/sizes", file = folder + ".stgs";
+  std::filesystem::create_directory(folder);
+  const auto encoder = StreamEncoder::open(folder, settings);
+  REQUIRE(encoder.ok());
+  std::vector<std::uint64_t> ended;
+  for (const bool is_smaller : {false, true, true, false}) {
+    const int begin = (*encoder)->frames();
+    const auto window =
+        extract_window(is_smaller ? synthetic.capture : large, {begin, begin + kWindow});
+    REQUIRE(window.ok());
+    const auto encoded = (*encoder)->encode(*window, nullptr, nullptr);
+    INFO(encoded.status().message());
+    REQUIRE(encoded.ok());
+    CHECK(encoded->training.psnr > 20);
+    ended.push_back(encoded->ended);
+  }
+  REQUIRE((*encoder)->finish(file).ok());
+  CAPTURE(ended);
+  CHECK(ended[0] + ended[1] == 0);
+  CHECK(ended[2] > 100);
+  CHECK(ended[3] < 40);
+
+  const std::vector<double> all = test::psnr_by_frame(file, synthetic.capture);
+  const std::vector<double> at_old =
+      test::psnr_by_frame(file, synthetic.capture, area_of(synthetic, kOld));
+  const std::vector<double> at_new =
+      test::psnr_by_frame(file, synthetic.capture, area_of(synthetic, kNew));
+  const double full = mean_of(all, 0, kWindow), box = mean_of(at_old, 0, kWindow);
+  CAPTURE(full, box, all, at_old, at_new);
+  CHECK(mean_of(all, kWindow, 2 * kWindow) > full - 1);
+  CHECK(mean_of(all, 3 * kWindow, kFrames) > full - 3);
+  CHECK(mean_of(at_old, 3 * kWindow, kFrames) > box - 5);
+  CHECK(mean_of(at_new, 3 * kWindow, kFrames) > box - 4);
 }

@@ -60,6 +60,7 @@ TEST_CASE("one CUDA step has the losses, statistics and gradients of the CPU") {
                 expected[0].visible);
     CHECK(found[0].loss == Approx(expected[0].loss).epsilon(1e-5));
     CHECK(found[0].l1 == Approx(expected[0].l1).epsilon(1e-5));
+    CHECK(found[0].mse == Approx(expected[0].mse).epsilon(1e-5));
     CHECK(found[0].ssim == Approx(expected[0].ssim).epsilon(1e-4).margin(1e-6));
     CHECK(std::abs(static_cast<double>(found[0].visible) -
                    static_cast<double>(expected[0].visible)) <=

@@ -5,6 +5,7 @@
 #include <thread>
 
 #include "catch.h"
+#include "half_size.h"
 #include "train/frame_store.h"
 #include "train/view_order.h"
 

@@ -65,7 +65,7 @@ double reference_ssim(const Pair& pair, int c, int px, int py) {
 }
 
 struct ReferenceLoss {
-  double loss = 0, l1 = 0, ssim = 0;
+  double loss = 0, l1 = 0, mse = 0, ssim = 0;
   std::vector<double> error;
 };
 
@@ -77,8 +77,10 @@ ReferenceLoss reference_loss(const Pair& pair, const ImageLossWeights& weights) 
       const std::size_t p = static_cast<std::size_t>(y) * w + x;
       double mean = 0;
       for (int c = 0; c < 3; ++c) {
-        reference.l1 +=
-            std::abs(pair.rendered.plane(c)[p] - pair.ground_truth.data[3 * p + c] / 255.0);
+        const double difference =
+            pair.rendered.plane(c)[p] - pair.ground_truth.data[3 * p + c] / 255.0;
+        reference.l1 += std::abs(difference);
+        reference.mse += difference * difference;
         mean += reference_ssim(pair, c, x, y) / 3;
       }
       reference.ssim += mean;
@@ -86,6 +88,7 @@ ReferenceLoss reference_loss(const Pair& pair, const ImageLossWeights& weights) 
     }
   }
   reference.l1 /= 3.0 * w * h;
+  reference.mse /= 3.0 * w * h;
   reference.ssim /= 1.0 * w * h;
   reference.loss = weights.l1 * reference.l1 + weights.ssim * (1.0 - reference.ssim);
   return reference;
@@ -108,6 +111,7 @@ void compare_with_definition() {
     INFO(size[0] << " x " << size[1]);
     CHECK(value.loss == Approx(reference.loss).epsilon(1e-4));
     CHECK(value.l1 == Approx(reference.l1).epsilon(1e-5));
+    CHECK(value.mse == Approx(reference.mse).epsilon(1e-5));
     CHECK(value.ssim == Approx(reference.ssim).epsilon(1e-4));
     float worst = 0;
     for (std::size_t p = 0; p < reference.error.size(); ++p)

@@ -86,6 +86,10 @@ TEST_CASE("cameras on several threads become a scene, which can be read while it
   CHECK(observed.windows[0].frames == 8);
   CHECK(observed.windows[1].first_frame == 8);
   CHECK(observed.windows[1].written == 1);
+  CHECK(observed.windows[0].psnr > 19);
+  CHECK(report.psnr > 15);
+  CHECK(observed.windows[0].scale == 1);
+  CHECK(report.scale == Approx(1));
   const ScenePtr scene = open_path(filmed.recording);
   CHECK(info_of(scene).frames == filmed.kFrames);
   CHECK(form_of(scene) == STGS_FORM_RECORDED);

@@ -29,12 +29,14 @@ Json json_of(const encoder::LiveWindow& window) {
   return {{"first_frame", window.first_frame},
           {"frames", window.frames},
           {"missing", window.missing},
+          {"scale", window.scale},
           {"point_interval", window.point_interval},
           {"iterations", window.iterations},
           {"primitives", window.primitives},
           {"persistent", window.persistent},
           {"bytes", window.bytes},
           {"loss", window.loss},
+          {"psnr", window.psnr == 0 ? Json() : Json(window.psnr)},
           {"prepare_seconds", window.prepare_seconds},
           {"train_seconds", window.train_seconds},
           {"latency", window.latency},
@@ -129,7 +131,9 @@ class Live final : public Command {
                    "Maximum number of primitives of a window, with the persistent ones (default: "
                    "the value of the preset)")
         ->check(number_between(1, 2e8));
-    app.add_option("--scale", prepare_.scale, "Scale factor of the images")
+    app.add_option(
+           "--scale", prepare_.scale,
+           "Largest scale factor of the images, which become smaller if encoding is too slow")
         ->check(number_between(0.01, 1))
         ->capture_default_str();
     app.add_option("--title", settings_.stream.title, "Metadata: title of the scene");
@@ -192,11 +196,11 @@ class Live final : public Command {
 
   void report_window(const encoder::LiveWindow& window, Session& session) {
     if (log_.is_open()) log_ << json_text(json_of(window)) << '\n' << std::flush;
-    session.log(
-        2, fmt::format("frames {}:{}: latency {:.2f} s, {}, {}, {} ({} waiting)",
-                       window.first_frame, window.first_frame + window.frames, window.latency,
-                       plural(window.iterations, "step"), plural(window.primitives, "primitive"),
-                       human_bytes(window.bytes), window.waiting));
+    session.log(2, fmt::format("frames {}:{}: latency {:.2f} s, {}, {:.1f} dB, {}, {} ({} waiting)",
+                               window.first_frame, window.first_frame + window.frames,
+                               window.latency, plural(window.iterations, "step"), window.psnr,
+                               plural(window.primitives, "primitive"), human_bytes(window.bytes),
+                               window.waiting));
   }
 
   // Adds the recording that remains to an error.
@@ -225,20 +229,23 @@ class Live final : public Command {
                        {"primitives", report.primitives},
                        {"persistent", report.persistent},
                        {"bytes", bytes},
+                       {"psnr", report.psnr},
+                       {"scale", report.scale},
                        {"latency",
                         {{"median", report.latency_median},
                          {"p95", report.latency_p95},
                          {"max", report.latency_max}}},
                        {"peak_memory", peak_memory()}};
     return session.emit(
-        json,
-        fmt::format("{}: {} of {}, {} ({} persistent), {}\nlatency {:.2f} s, 95 % within {:.2f} s; "
-                    "{} dropped, {} missing, {} lost; peak memory {}\n",
-                    one_line(output_), plural(report.frames, "frame"),
-                    plural(report.cameras, "camera"), plural(report.primitives, "primitive"),
-                    report.persistent, human_bytes(bytes), report.latency_median,
-                    report.latency_p95, plural(report.dropped, "image"), report.missing,
-                    plural(report.lost_frames, "frame"), human_bytes(peak_memory())));
+        json, fmt::format(
+                  "{}: {} of {}, {} ({} persistent), {}\ntraining images {:.2f} dB, scale {:.3g}; "
+                  "latency {:.2f} s, 95 % within {:.2f} s; "
+                  "{} dropped, {} missing, {} lost; peak memory {}\n",
+                  one_line(output_), plural(report.frames, "frame"),
+                  plural(report.cameras, "camera"), plural(report.primitives, "primitive"),
+                  report.persistent, human_bytes(bytes), report.psnr, report.scale,
+                  report.latency_median, report.latency_p95, plural(report.dropped, "image"),
+                  report.missing, plural(report.lost_frames, "frame"), human_bytes(peak_memory())));
   }
 
   std::string rig_, output_, log_path_, preset_ = "fast";

@@ -76,7 +76,7 @@ struct StepInput {
 
 struct StepOutput {
   double loss = 0;                         // L_recon + L_reg
-  double l1 = 0, ssim = 0;                 // means over the image
+  double l1 = 0, mse = 0, ssim = 0;        // means over the image
   double normal = 0;                       // L_n before weighting; 0 if it is off
   double perceptual = 0;                   // L_lpips of the patch before weighting; 0 if it is off
   std::size_t visible = 0;                 // primitives rendered

@@ -209,6 +209,15 @@ LiveBackground::LiveBackground(Background first, int settle_frames)
       settled_(background_.colour.size(), CV_32S, cv::Scalar(0)),
       still_(background_.colour.size(), CV_32S, cv::Scalar(0)) {}
 
+void LiveBackground::resize(cv::Size size) {
+  if (background_.colour.size() == size) return;
+  for (cv::Mat* image : {&background_.colour, &candidate_})
+    cv::resize(*image, *image, size, 0, 0, cv::INTER_AREA);
+  for (cv::Mat* map : {&background_.valid, &settled_, &still_})
+    cv::resize(*map, *map, size, 0, 0, cv::INTER_NEAREST);
+  threshold_ = change_threshold(background_.colour, background_.noise);
+}
+
 cv::Mat LiveBackground::mask(const cv::Mat& image) const {
   cv::Mat change;
   difference(image, background_.colour).convertTo(change, CV_32F);

@@ -51,6 +51,8 @@ class LiveBackground {
   // but background is still.
   LiveBackground(Background first, int settle_frames);
 
+  // Continues with images of another size. Finer detail is learnt like changes of the light.
+  void resize(cv::Size size);
   // Returns the motion mask of an image of the view's size.
   cv::Mat mask(const cv::Mat& image) const;
   // Learns from images of a window of `frames` frames, spread over it, and from the union of its

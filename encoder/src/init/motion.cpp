@@ -248,6 +248,7 @@ Status find_live_motion(const PreparedCapture& capture, const View& view,
     STGS_ASSIGN(Background first, find_background(capture, view, false));
     known = &settings.live->add(view.camera->name, std::move(first));
   }
+  known->resize(view.size());
   motion->background = known->background().colour.clone();
   motion->background_valid = known->background().valid.clone();
   motion->coverage.assign(capture.frames, 0);

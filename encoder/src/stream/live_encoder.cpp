@@ -7,9 +7,10 @@
 #include <filesystem>
 #include <utility>
 
+#include "live_capture.h"
 #include "live_controller.h"
 #include "live_queue.h"
-#include "stgs/encoder/frame_memory.h"
+#include "plural.h"
 #include "train/machine_memory.h"
 #include "train/training_choice.h"
 
@@ -20,7 +21,6 @@ namespace fs = std::filesystem;
 
 // Static content of the first window is displayed up to here (stream_encoder.cpp).
 constexpr int kMaxFrames = 1'000'000;
-constexpr int kMaxFailures = 20;  // windows in a row that are not written, other than by the disk
 constexpr double kQueueShare = 0.25;             // of the available memory
 constexpr std::size_t kMaxMilliseconds = 60000;  // the largest latency that is recorded
 
@@ -149,6 +149,7 @@ Status LiveEncoder::prepare_all() {
   {
     const std::lock_guard lock(mutex_);
     report_.cameras = static_cast<int>(taking_part_.size());
+    controller_->limit_halvings(max_halvings(rig_.cameras));
   }
   for (int index = 0;; ++index) {
     STGS_ASSIGN(const bool has_more, prepare_next(index));
@@ -156,40 +157,39 @@ Status LiveEncoder::prepare_all() {
   }
 }
 
-PreparedCapture LiveEncoder::assemble(const LiveFrames& frames, LiveWindow& window) const {
-  PreparedCapture capture = rig_;
-  capture.first_frame = frames.first;
-  capture.frames = static_cast<int>(frames.frames.size());
-  capture.memory = std::make_shared<FrameMemory>();
-  for (std::size_t f = 0; f < frames.frames.size(); ++f) {
-    for (std::size_t c = 0; c < taking_part_.size(); ++c) {
-      const auto& image = frames.frames[f].images[taking_part_[c]];
-      if (image)
-        capture.memory->add_frame(rig_.cameras[c].name, static_cast<int>(f), image);
-      else
-        ++window.missing;
-    }
-  }
-  return capture;
+bool LiveEncoder::log_overflow() {
+  const std::uint64_t overflow = queue_->dropped().overflow, before = overflow_;
+  overflow_ = overflow;
+  if (overflow == before) return false;
+  const bool is_smallest = controller_->halvings() == controller_->max_halvings();
+  log_(1, fmt::format("encoding is too slow: {} dropped{}", plural(overflow - before, "image"),
+                      is_smallest ? "; use fewer cameras or smaller images (--scale)" : ""));
+  return true;
 }
 
-void LiveEncoder::log_overflow() {
-  const std::uint64_t overflow = queue_->dropped().overflow;
-  if (overflow > overflow_) {
-    log_(1, fmt::format("encoding is too slow: {} images dropped; use fewer cameras or smaller "
-                        "images (--scale)",
-                        overflow - overflow_));
+int LiveEncoder::choose_halvings(int first_frame, int ready, bool overflowed) {
+  std::unique_lock lock(mutex_);
+  const int before = controller_->halvings();
+  const int halvings = controller_->choose_halvings(ready, overflowed);
+  lock.unlock();
+  if (halvings != before) {
+    constexpr const char* kSizes[] = {"the full", "half the", "a quarter of the"};
+    static_assert(std::size(kSizes) == kMaxHalvings + 1);
+    const bool is_smaller = halvings > before;
+    log_(is_smaller ? 1 : 2,
+         fmt::format("encoding is {}: images have {} size from frame {} on",
+                     is_smaller ? "too slow" : "fast enough", kSizes[halvings], first_frame));
   }
-  overflow_ = overflow;
+  return halvings;
 }
 
 // Returns whether there was a window.
 Result<bool> LiveEncoder::prepare_next(int index) {
   const auto clock = [this] { return now(); };
-  const int least = controller_->window();
-  const int most = index == 0 ? least : controller_->frames(queue_->ready(now()));
+  const int least = controller_->window(), ready = queue_->ready(now());
+  const int most = index == 0 ? least : controller_->frames(ready);
   const LiveFrames frames = queue_->take(least, most, clock);
-  log_overflow();
+  const bool overflowed = log_overflow();
   if (frames.frames.empty()) return false;
   if (frames.first + static_cast<int>(frames.frames.size()) > kMaxFrames) {
     log_(1, fmt::format("the recording has its maximum length, {} frames; start another one",
@@ -200,30 +200,19 @@ Result<bool> LiveEncoder::prepare_next(int index) {
   LiveWindow& window = prepared.window;
   window.first_frame = frames.first;
   window.frames = static_cast<int>(frames.frames.size());
+  window.missing = count_missing(frames, taking_part_);
   for (const LiveFrame& frame : frames.frames) prepared.arrived.push_back(frame.arrived);
-  prepared.capture = assemble(frames, window);
+  if (index > 0) prepared.halvings = choose_halvings(frames.first, ready, overflowed);
+  window.scale = 1.0 / (1 << prepared.halvings);
+  const double begin = now();
+  prepared.capture = live_capture(rig_, taking_part_, frames, prepared.halvings);
   prepared.capture.folder = fmt::format("{}/window-{}", folder_, index % 3);
   fs::create_directories(prepared.capture.folder);
   const bool has_images = window.missing < taking_part_.size() * frames.frames.size();
   if (has_images) {
-    if (index > 0) {
-      const std::lock_guard lock(mutex_);
-      window.point_interval = controller_->point_interval(window.frames, frames.waiting);
-    }
-    const double begin = now();
-    prepared.status = preparer_.prepare(
-        prepared.capture, window.point_interval,
-        [this](const Progress&) {
-          const std::lock_guard lock(mutex_);
-          return !stopped_;
-        },
-        log_);
+    prepare(prepared, index == 0, begin, frames.waiting);
     // Without the first window there is no static content.
     if (index == 0) STGS_TRY(prepared.status);
-    window.prepare_seconds = now() - begin;
-    const std::lock_guard lock(mutex_);
-    if (index > 0)
-      controller_->prepared(window.frames, window.point_interval, window.prepare_seconds);
   } else {
     prepared.status = runtime_error("frames {}:{}: no camera has delivered an image", frames.first,
                                     frames.first + window.frames);
@@ -236,122 +225,30 @@ Result<bool> LiveEncoder::prepare_next(int index) {
   return true;
 }
 
+void LiveEncoder::prepare(Prepared& prepared, bool is_first, double begin, int waiting) {
+  LiveWindow& window = prepared.window;
+  if (!is_first) {
+    const std::lock_guard lock(mutex_);
+    window.point_interval = controller_->point_interval(window.frames, waiting);
+  }
+  const ProgressSink progress = [this](const Progress&) {
+    const std::lock_guard lock(mutex_);
+    return !stopped_;
+  };
+  prepared.status = preparer_.prepare(prepared.capture, window.point_interval, progress, log_);
+  window.prepare_seconds = now() - begin;
+  if (is_first) return;
+  const std::lock_guard lock(mutex_);
+  controller_->prepared(prepared.halvings, window.frames, window.point_interval,
+                        window.prepare_seconds);
+}
+
 void LiveEncoder::train_windows() {
   const ScopedTaskRunner use(settings_.tasks);
   const Status status = without_exceptions("training", [this] { return train_all(); });
   if (!status.ok()) fail(status);
   const std::lock_guard lock(mutex_);
   trained_all_ = true;
-}
-
-Status LiveEncoder::train_all() {
-  while (true) {
-    std::unique_lock lock(mutex_);
-    handed_.wait(lock, [this] { return next_ || prepared_all_ || stopped_; });
-    if (stopped_ || !next_) return {};
-    Prepared prepared = *std::exchange(next_, std::nullopt);
-    lock.unlock();
-    handed_.notify_all();
-    STGS_TRY(train(prepared));
-    count(prepared);
-    if (windows_) windows_(prepared.window);
-  }
-}
-
-Status LiveEncoder::train(Prepared& prepared) {
-  Status status = prepared.status;
-  if (status.ok()) status = write(prepared);
-  LiveWindow& window = prepared.window;
-  if (status.ok()) {
-    failures_ = 0;
-    return {};
-  }
-  // Without the first window there is nothing to continue.
-  if (!has_first_) return status;
-  window.written = false;
-  lost_ += window.frames;
-  log_(1, fmt::format("frames {}:{} contain static content only: {}", window.first_frame,
-                      window.first_frame + window.frames, status.message()));
-  const bool has_images = window.missing < taking_part_.size() * prepared.arrived.size();
-  failures_ += has_images && status.code() != StatusCode::kIo ? 1 : 0;
-  return failures_ >= kMaxFailures ? status : Status();
-}
-
-Status LiveEncoder::write(Prepared& prepared) {
-  STGS_TRY(recover());
-  LiveWindow& window = prepared.window;
-  const bool is_first = !has_first_;
-  const int waiting = queue_->ready(now());
-  WindowWork work;
-  // Before static content is stored, removing primitives would remove it, too.
-  const bool removes = !keeps_chosen_ && encoder_->persistent() > 0;
-  if (!keeps_chosen_) work.keep = removes ? controller_->keep() : 1.0;
-  if (is_first) {
-    work.max_seconds = settings_.first_seconds;
-  } else {
-    const std::lock_guard lock(mutex_);
-    work.iterations = controller_->iterations(window.frames, waiting);
-  }
-  const double begin = now();
-  const ProgressSink progress = [this](const Progress&) {
-    const std::lock_guard lock(mutex_);
-    return !stopped_;
-  };
-  STGS_ASSIGN(const StreamWindow written, encoder_->encode(prepared.capture, progress, log_, work));
-  has_first_ = true;
-  const double end = now();
-  window.iterations = written.training.iterations;
-  window.primitives = written.primitives;
-  window.persistent = written.persistent;
-  window.bytes = written.bytes;
-  window.loss = written.training.final_loss;
-  window.step_seconds = written.training.seconds;
-  window.train_seconds = end - begin;
-  for (const double arrived : prepared.arrived)
-    if (arrived > 0) window.latency = std::max(window.latency, end - arrived);
-  window.waiting = queue_->ready(end);
-  if (removes && settings_.target_kbps > 0) follow_rate(window);
-  const std::lock_guard lock(mutex_);
-  if (is_first)
-    controller_->first_trained(window.iterations, window.step_seconds);
-  else
-    controller_->trained(window.iterations, window.train_seconds);
-  for (const double arrived : prepared.arrived) {
-    if (arrived == 0) continue;  // no camera has delivered it
-    const double milliseconds = std::clamp(1e3 * (end - arrived), 0.0, double(kMaxMilliseconds));
-    ++latencies_[static_cast<std::size_t>(milliseconds)];
-  }
-  return {};
-}
-
-void LiveEncoder::follow_rate(const LiveWindow& window) {
-  const auto bytes = static_cast<double>(window.bytes);
-  if (controller_->wrote(window.frames, bytes, settings_.target_kbps) || is_over_rate_) return;
-  is_over_rate_ = true;
-  log_(1, fmt::format("the bit rate exceeds the limit of {:g} kbit/s with a tenth of the "
-                      "primitives; use fewer primitives (--max-primitives) or a longer --latency",
-                      settings_.target_kbps));
-}
-
-Status LiveEncoder::recover() {
-  if (lost_ == 0) return {};
-  // The error may have closed the recording.
-  Status status = encoder_->reopen();
-  if (status.ok()) status = encoder_->skip(lost_);
-  if (status.ok()) lost_ = 0;
-  return status;
-}
-
-void LiveEncoder::count(const Prepared& prepared) {
-  const LiveWindow& window = prepared.window;
-  const std::lock_guard lock(mutex_);
-  ++report_.windows;
-  report_.frames += window.frames;
-  report_.missing += window.missing;
-  if (!window.written) report_.lost_frames += window.frames;
-  report_.primitives += window.primitives;
-  report_.persistent = window.written ? window.persistent : report_.persistent;
-  report_.bytes += window.bytes;
 }
 
 LiveReport LiveEncoder::report() const {

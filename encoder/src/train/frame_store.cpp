@@ -5,6 +5,7 @@
 #include <atomic>
 #include <chrono>
 
+#include "half_size.h"
 #include "stgs/format/parallel.h"
 
 namespace stgs::encoder {
@@ -23,26 +24,6 @@ std::uint64_t image_bytes(int width, int height) {
 }
 
 }  // namespace
-
-Image8 half_size(const Image8& image) {
-  Image8 half;
-  half.width = image.width / 2;
-  half.height = image.height / 2;
-  half.channels = image.channels;
-  half.data.resize(std::size_t{1} * half.width * half.height * half.channels);
-  const std::size_t row = std::size_t{1} * image.width * image.channels;
-  for (int y = 0; y < half.height; ++y) {
-    for (int x = 0; x < half.width; ++x) {
-      for (int c = 0; c < image.channels; ++c) {
-        const std::uint8_t* p = &image.data[2 * y * row + (2 * x) * image.channels + c];
-        const int sum = p[0] + p[image.channels] + p[row] + p[row + image.channels];
-        half.data[(std::size_t{1} * y * half.width + x) * half.channels + c] =
-            static_cast<std::uint8_t>((sum + 2) / 4);
-      }
-    }
-  }
-  return half;
-}
 
 FrameStore::FrameStore(Source source, std::uint64_t budget, int threads)
     : source_(std::move(source)), budget_(budget), thread_count_(std::max(threads, 1)) {

@@ -24,9 +24,6 @@
 
 namespace stgs::encoder {
 
-// Averages 2x2 pixels; an odd last row or column is dropped.
-Image8 half_size(const Image8& image);
-
 class FrameStore {
  public:
   using ImagePtr = std::shared_ptr<const Image8>;

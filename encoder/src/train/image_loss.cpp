@@ -16,8 +16,6 @@ namespace {
 using image_loss::kTapRadius;
 using image_loss::kTaps;
 
-// Minimum rows per task.
-
 std::array<float, kTaps> window() {
   std::array<double, kTaps> w{};
   double sum = 0;
@@ -51,7 +49,7 @@ void ImageLoss::reshape(int width, int height) {
   for (Plane& plane : slope_) plane.reshape(width, height);
   for (Plane& plane : slope_blurred_) plane.reshape(width, height);
   zero_row_.assign(x_.stride, 0.0f);
-  row_l1_.resize(static_cast<std::size_t>(height));
+  row_errors_.resize(static_cast<std::size_t>(height));
   row_ssim_.resize(static_cast<std::size_t>(height));
 }
 
@@ -104,9 +102,12 @@ ImageLossValue ImageLoss::evaluate(const Image& rendered, const Image8& ground_t
       rows.x = x_.row(y);
       rows.y = y_.row(y);
       rows.out = d_colour.plane(c) + static_cast<std::size_t>(y) * w;
-      row_l1_[y] = image_loss::gradient_row(rows, taps.data(), l1_scale, ssim_scale, w);
+      row_errors_[y] = image_loss::gradient_row(rows, taps.data(), l1_scale, ssim_scale, w);
     });
-    value.l1 += std::accumulate(row_l1_.begin(), row_l1_.end(), 0.0) / values;
+    for (const image_loss::RowErrors& row : row_errors_) {
+      value.l1 += row.absolute / values;
+      value.mse += row.squared / values;
+    }
     value.ssim += std::accumulate(row_ssim_.begin(), row_ssim_.end(), 0.0) / values;
   }
   for_each_row(h, [&](int y) {

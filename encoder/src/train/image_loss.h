@@ -6,6 +6,7 @@
 
 #include "stgs/encoder/prepared_capture.h"
 #include "stgs/format/raster.h"
+#include "train/image_loss_rows.h"
 
 namespace stgs::encoder {
 
@@ -17,6 +18,7 @@ struct ImageLossWeights {
 struct ImageLossValue {
   double loss = 0;  // weighted
   double l1 = 0;    // mean |rendered - ground truth| over pixels and channels
+  double mse = 0;   // mean squared difference
   double ssim = 0;  // mean over pixels and channels
 };
 
@@ -49,7 +51,8 @@ class ImageLoss {
   Plane slope_[3], slope_blurred_[3];  // dSSIM/d(window means of x, xx, xy); blurred along rows
   Plane ssim_;                         // summed over channels
   std::vector<float> zero_row_;
-  std::vector<double> row_l1_, row_ssim_;
+  std::vector<image_loss::RowErrors> row_errors_;
+  std::vector<double> row_ssim_;
 };
 
 }  // namespace stgs::encoder

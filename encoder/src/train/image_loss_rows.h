@@ -31,14 +31,18 @@ struct BlurSlopeRow {
 };
 void blur_slope_row(const BlurSlopeRow& rows, const float* taps, int width);
 
-// Computes dL/dx from the derivatives' means and from L1; returns the row's sum of |x - y|. `out`
-// is not padded.
+// Sums over a row of |x - y| and of (x - y)^2.
+struct RowErrors {
+  double absolute = 0, squared = 0;
+};
+
+// Computes dL/dx from the derivatives' means and from L1. `out` is not padded.
 struct GradientRow {
   const float* slope[3][kTaps];
   const float *x, *y;
   float* out;
 };
-double gradient_row(const GradientRow& rows, const float* taps, float l1_scale, float ssim_scale,
-                    int width);
+RowErrors gradient_row(const GradientRow& rows, const float* taps, float l1_scale, float ssim_scale,
+                       int width);
 
 }  // namespace stgs::encoder::image_loss

@@ -96,12 +96,12 @@ void blur_slope(const BlurSlopeRow& rows, const float* HWY_RESTRICT taps, int wi
   }
 }
 
-double gradient(const GradientRow& rows, const float* HWY_RESTRICT taps, float l1_scale,
-                float ssim_scale, int width) {
+RowErrors gradient(const GradientRow& rows, const float* HWY_RESTRICT taps, float l1_scale,
+                   float ssim_scale, int width) {
   const Tag d;
   const int lanes = static_cast<int>(hn::Lanes(d));
   const V zero = hn::Zero(d), l1 = hn::Set(d, l1_scale), by_ssim = hn::Set(d, ssim_scale);
-  V sum = zero;
+  V absolute = zero, squared = zero;
   for (int i = 0; i < width; i += lanes) {
     const V x = hn::LoadU(d, rows.x + i), y = hn::LoadU(d, rows.y + i);
     const V by_x = column_mean(rows.slope[0], taps, i);
@@ -112,7 +112,8 @@ double gradient(const GradientRow& rows, const float* HWY_RESTRICT taps, float l
     const V sign = hn::IfThenElse(hn::Eq(difference, zero), zero, hn::CopySign(l1, difference));
     const V result = hn::MulAdd(by_ssim, slope, sign);
     // x and y are 0 beyond the width, so the padding adds nothing.
-    sum = hn::Add(sum, hn::Abs(difference));
+    absolute = hn::Add(absolute, hn::Abs(difference));
+    squared = hn::MulAdd(difference, difference, squared);
     if (width - i >= lanes) {
       hn::StoreU(result, d, rows.out + i);
     } else {
@@ -121,7 +122,7 @@ double gradient(const GradientRow& rows, const float* HWY_RESTRICT taps, float l
       std::copy_n(tail, width - i, rows.out + i);
     }
   }
-  return hn::GetLane(hn::SumOfLanes(d, sum));
+  return {hn::GetLane(hn::SumOfLanes(d, absolute)), hn::GetLane(hn::SumOfLanes(d, squared))};
 }
 
 }  // namespace
@@ -148,8 +149,8 @@ void blur_slope_row(const BlurSlopeRow& rows, const float* taps, int width) {
   HWY_DYNAMIC_DISPATCH(blur_slope)(rows, taps, width);
 }
 
-double gradient_row(const GradientRow& rows, const float* taps, float l1_scale, float ssim_scale,
-                    int width) {
+RowErrors gradient_row(const GradientRow& rows, const float* taps, float l1_scale, float ssim_scale,
+                       int width) {
   return HWY_DYNAMIC_DISPATCH(gradient)(rows, taps, l1_scale, ssim_scale, width);
 }
 

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "half_size.h"
 #include "stgs/format/math/blend.h"
 #include "stgs/format/parallel.h"
 #include "stgs/format/raster.h"
@@ -12,13 +13,6 @@ namespace stgs::encoder {
 namespace {
 
 constexpr int kTilePixels = kTileSize * kTileSize;
-
-math::PinholeCamera half_size(math::PinholeCamera camera) {
-  camera.width = std::max(1.0f, std::floor(0.5f * camera.width));
-  camera.height = std::max(1.0f, std::floor(0.5f * camera.height));
-  for (float* v : {&camera.fx, &camera.fy, &camera.cx, &camera.cy}) *v *= 0.5f;
-  return camera;
-}
 
 // Pixels of a tile.
 struct TileArea {
@@ -112,7 +106,7 @@ std::vector<ImportanceView> importance_views(const PreparedCapture& capture, int
                                              int kernel) {
   std::vector<math::PinholeCamera> cameras;
   for (const Camera& camera : capture.training_cameras())
-    cameras.push_back(half_size(camera.pinhole(capture.near_plane)));
+    cameras.push_back(half_size(camera).pinhole(capture.near_plane));
   // Other viewpoints see more than the training images do.
   const std::size_t trained = cameras.size();
   for (std::size_t i = 0; i < trained; ++i) cameras.push_back(widened(cameras[i]));

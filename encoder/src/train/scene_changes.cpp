@@ -96,12 +96,8 @@ class ChangeFinder {
   Result<SceneChanges> find(std::size_t max_points) {
     SceneChanges out;
     if (members_.empty()) return out;
-    if (!fits_views()) {
-      return invalid_file(
-          "{}: the persistent set belongs to images of another size; remove the work folder and "
-          "encode again",
-          capture_.folder);
-    }
+    // Images of another size differ in other places.
+    if (!fits_views()) residuals_.clear();
     const int last = capture_.frames - 1;
     STGS_ASSIGN(const std::vector<Image> images, views_.images(last));
     std::vector<SetView> shown = views_.render(state_.set.gather(members_));

@@ -37,8 +37,9 @@ struct SceneChanges {
 // there has a greater depth or, if they do not determine one, the set matches them better without
 // these primitives. Content behind moving objects stays, because the images show nearer content.
 //
-// `residuals`: of the previous window; empty for the second one. At most `max_points` points.
-// The error is that of reading a frame; kInvalidFile for residuals of other images.
+// `residuals`: of the previous window; empty for the second one. Without them, or with those of
+// images of another size, they are those of the first frame. At most `max_points` points. The error
+// is that of reading a frame.
 Result<SceneChanges> find_changes(const PreparedCapture& capture, const TrainState& set,
                                   const std::vector<Residual>& residuals, int kernel,
                                   std::size_t max_points);

@@ -14,6 +14,14 @@ namespace {
 // Longer side of the images, pixels: live encoding renders and compares all views in milliseconds.
 constexpr int kMaxViewSide = 160;
 
+// Returns by how much to reduce a side: a power of two, so that views keep their size if a live
+// capture halves its images.
+int factor_of(int side) {
+  int factor = 1;
+  while (side > factor * kMaxViewSide) factor *= 2;
+  return factor;
+}
+
 // Returns the image with each pixel the mean of factor x factor of them. Incomplete blocks at the
 // right and bottom are left out.
 Image reduced(const Image8& image, int factor) {
@@ -66,8 +74,7 @@ SetViews::SetViews(const PreparedCapture& capture, const TrainState& state, int 
       kernel_(kernel),
       full_(with_refined_cameras(capture, state).training_cameras()) {
   for (const Camera& camera : full_) {
-    const int side = std::max(camera.width, camera.height);
-    const int factor = (side + kMaxViewSide - 1) / kMaxViewSide;
+    const int factor = factor_of(std::max(camera.width, camera.height));
     math::PinholeCamera small = camera.pinhole(capture.near_plane);
     for (float* value : {&small.fx, &small.fy, &small.cx, &small.cy})
       *value /= static_cast<float>(factor);

@@ -263,6 +263,7 @@ Status Trainer::read_steps() {
                            steps_read_);
     }
     last_ = output;
+    errors_[steps_read_ % errors_.size()] = output.mse;
     if (output.camera) {
       const math::Vec3 r = output.camera->rotation, t = output.camera->translation;
       if (!std::isfinite(r.x + r.y + r.z + t.x + t.y + t.z + output.camera->log_focal +

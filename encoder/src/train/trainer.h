@@ -2,6 +2,7 @@
 // The training loop: schedules, view order, densification, checkpoints and log.
 #pragma once
 
+#include <array>
 #include <chrono>
 #include <memory>
 #include <optional>
@@ -152,6 +153,9 @@ class Trainer {
   Result<bool> update_clock();
   // Returns false if the run is to stop.
   Result<bool> report_progress();
+  // Returns the PSNR over the latest steps, of which none is of the first three quarters of the
+  // run; 0 without steps.
+  double recent_psnr() const;
   bool log_due() const;
   void write_log();
   // Evaluates the held-out views if an evaluation is due; its time does not count as training time.
@@ -184,8 +188,9 @@ class Trainer {
   std::vector<float> pruned_importance_;
   StepOutput last_;  // of the latest step read
   bool step_failed_ = false;
-  bool checkpoint_failed_ = false;  // the latest one
-  std::uint64_t steps_read_ = 0;    // iterations, one view each, in the running mean
+  bool checkpoint_failed_ = false;    // the latest one
+  std::uint64_t steps_read_ = 0;      // iterations, one view each, in the running mean
+  std::array<double, 100> errors_{};  // mean squared, of the latest of them: a ring
   ViewOrder order_;
   std::chrono::steady_clock::time_point started_, reported_;
   StageClock clock_;

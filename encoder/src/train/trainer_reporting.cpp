@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Reports of a running training: progress, log entries and held-out scores.
+#include <algorithm>
 #include <chrono>
 #include <stdexcept>
 
+#include "stgs/encoder/metrics.h"
 #include "train/trainer.h"
 
 namespace stgs::encoder {
@@ -30,6 +32,15 @@ Result<bool> Trainer::report_progress() {
   if (score_) training.held_out_psnr = score_->psnr;
   STGS_ASSIGN(const bool stop, ranks_.any(!progress_({"train", progress, eta, detail, training})));
   return !stop;
+}
+
+double Trainer::recent_psnr() const {
+  const std::uint64_t steps = steps_read_ - first_iteration_;
+  if (steps == 0) return 0;
+  const std::uint64_t count = std::clamp<std::uint64_t>(steps / 4, 1, errors_.size());
+  double sum = 0;
+  for (std::uint64_t k = 0; k < count; ++k) sum += errors_[(steps_read_ - k) % errors_.size()];
+  return psnr_of(sum / static_cast<double>(count));
 }
 
 bool Trainer::log_due() const {

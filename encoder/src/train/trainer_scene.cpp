@@ -147,6 +147,7 @@ TrainReport Trainer::report() const {
   report.importance_seconds = importance_seconds_;
   report.primitives = state_.size();
   report.final_loss = state_.mean_loss;
+  report.psnr = recent_psnr();
   report.peak_memory = peak_memory_bytes();
   report.held_out = score_;
   report.backend = backend_->name();

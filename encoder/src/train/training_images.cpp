@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "half_size.h"
 #include "stgs/format/parallel.h"
 #include "train/foreground.h"
 #include "train/machine_memory.h"
@@ -98,18 +99,8 @@ Result<TrainingImage> TrainingImages::next(
 }
 
 math::PinholeCamera TrainingImages::pinhole(std::size_t camera, int level, float near_plane) const {
-  math::PinholeCamera pinhole = cameras_[camera].pinhole(near_plane);
-  if (level == 1) {
-    // Pixel centres are at +0.5, so halving the size halves all intrinsics.
-    pinhole.fx *= 0.5f;
-    pinhole.fy *= 0.5f;
-    pinhole.cx *= 0.5f;
-    pinhole.cy *= 0.5f;
-    const int width = cameras_[camera].width / 2, height = cameras_[camera].height / 2;
-    pinhole.width = static_cast<float>(width);
-    pinhole.height = static_cast<float>(height);
-  }
-  return pinhole;
+  const Camera& full = cameras_[camera];
+  return (level == 1 ? half_size(full) : full).pinhole(near_plane);
 }
 
 }  // namespace stgs::encoder

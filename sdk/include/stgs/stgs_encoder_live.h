@@ -10,8 +10,9 @@
  *
  * A session encodes the images of calibrated, synchronised cameras into a recording that players
  * follow while it grows (stgs_player_get_live), through a web server too. It trains on threads of
- * its own, in windows of about half a second, and chooses the work per window so that it keeps up.
- * If the machine is too slow, images are dropped and counted. The program `stgs live` does the same
+ * its own, in windows of about half a second, and chooses the work per window so that it keeps up,
+ * and the size of its images: full, half, or a quarter. If the machine is still too slow, images
+ * are dropped and counted. The program `stgs live` does the same
  * with cameras that it reads itself.
  *
  * Threads: each camera may have its own thread, which pushes its images and ends it. Any thread may
@@ -84,6 +85,10 @@ typedef struct stgs_live_window {
   int32_t written;         /* 0: preparing or writing failed, and the log has the reason; the window
                             * shows static content only */
   int32_t reserved;        /* 0 */
+  double psnr;             /* of training images at the end of training, dB; views that training has
+                            * not seen have less. 0: the window was not trained */
+  double scale;            /* of its images, relative to those of `scale` in the settings: 1, 0.5 or
+                            * 0.25 */
 } stgs_live_window;
 
 /* Receives a window once it is in the recording. Called on a thread of the session, which waits for
@@ -102,7 +107,8 @@ typedef struct stgs_live_settings {
   int32_t trust_calibration;        /* 1: only warn if a mistake in the calibration is found; 0
                                      * (default): stgs_live_finish returns it as an error */
   double fps;                       /* frames per second, 0.1 to 1000; 0 (default): from `rig` */
-  double scale;                     /* of the images in training, 0.01 to 1; default 1 */
+  double scale;                     /* of the images in training, 0.01 to 1; default 1. If the
+                                     * machine is too slow, they become smaller */
   double latency;                   /* target from filming a frame to its appearance in the
                                      * recording, seconds, 0.1 to 60; default 1.5. A window lasts a
                                      * third of it, but at least 8 frames */
@@ -242,6 +248,9 @@ typedef struct stgs_live_report {
   int32_t ended;         /* 1: encoding has ended, because all cameras have, or by an error;
                           * call stgs_live_finish */
   int32_t reserved;      /* 0 */
+  double psnr;           /* mean of those of the windows (stgs_live_window), per frame, dB; 0: none
+                          * was trained */
+  double scale;          /* mean of those of the windows, per frame; 0 before the first window */
 } stgs_live_report;
 
 /* Returns the totals so far. Does not wait for encoding. STGS_ERROR_STATE: the session has not

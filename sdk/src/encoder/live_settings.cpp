@@ -211,6 +211,8 @@ stgs_live_window to_c(const encoder::LiveWindow& window) {
   out.train_seconds = window.train_seconds;
   out.latency = window.latency;
   out.written = window.written ? 1 : 0;
+  out.psnr = window.psnr;
+  out.scale = window.scale;
   return out;
 }
 
@@ -234,6 +236,8 @@ stgs_live_report to_c(const encoder::LiveReport& report, bool ended) {
   out.latency_p95 = report.latency_p95;
   out.latency_max = report.latency_max;
   out.ended = ended ? 1 : 0;
+  out.psnr = report.psnr;
+  out.scale = report.scale;
   return out;
 }
 

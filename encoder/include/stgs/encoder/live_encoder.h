@@ -3,8 +3,8 @@
 //
 // Frames are collected into windows whose length is a third of the target latency. While one window
 // is trained, another thread prepares the next (stream_encoder.h). The work per window is chosen by
-// the durations of the previous ones. On a machine that is too slow, windows become longer, and
-// frames are dropped once too many wait.
+// the durations of the previous ones. On a machine that is too slow, windows become longer and
+// their images smaller, and frames are dropped once too many wait.
 #pragma once
 
 #include <chrono>
@@ -27,7 +27,6 @@ namespace stgs::encoder {
 
 class LiveController;
 class LiveQueue;
-struct LiveFrames;
 
 struct LiveSettings {
   // `recording` is required; identity is ignored. A window has at most the iterations of `train`,
@@ -54,11 +53,14 @@ inline constexpr Parameter kLiveLatency = {"latency", 0.1, 60,
 struct LiveWindow {
   int first_frame = 0, frames = 0;
   std::uint64_t missing = 0;  // images of cameras that take part, not delivered in time
+  double scale = 1;           // of its images, relative to those of the preparer: 1, 0.5 or 0.25
   int point_interval = 1, iterations = 0;
   std::uint64_t primitives = 0, persistent = 0, bytes = 0;  // as in StreamWindow
   double loss = 0;                                          // of training
-  double prepare_seconds = 0, train_seconds = 0;            // with writing
-  double step_seconds = 0;                                  // of the iterations, in train_seconds
+  // Of images that training has seen, at its end, dB (TrainReport::psnr); 0: it had no step.
+  double psnr = 0;
+  double prepare_seconds = 0, train_seconds = 0;  // with writing
+  double step_seconds = 0;                        // of the iterations, in train_seconds
   double latency = 0;   // of the frame that waited longest since its last image arrived, seconds
   int waiting = 0;      // frames that wait
   bool written = true;  // false: the disk or the preparation failed; it shows static content alone
@@ -72,6 +74,8 @@ struct LiveReport {
   std::uint64_t missing = 0;  // images of cameras that take part, not delivered in time
   int frames = 0, windows = 0, lost_frames = 0;  // lost: of windows that were not written
   std::uint64_t primitives = 0, persistent = 0, bytes = 0;
+  double psnr = 0;   // mean of those of the windows, per frame, dB; 0: none has one
+  double scale = 0;  // mean of those of the windows, per frame; 0: no window
   double latency_median = 0, latency_p95 = 0, latency_max = 0;  // per frame, seconds
 };
 
@@ -116,6 +120,7 @@ class LiveEncoder {
   // A window that is handed from the preparing to the training thread.
   struct Prepared {
     PreparedCapture capture;
+    int halvings = 0;  // of its images
     LiveWindow window;
     std::vector<double> arrived;  // per frame
     Status status;                // of the preparation
@@ -129,8 +134,12 @@ class LiveEncoder {
   void prepare_windows();
   Status prepare_all();
   Result<bool> prepare_next(int index);
-  void log_overflow();
-  PreparedCapture assemble(const LiveFrames& frames, LiveWindow& window) const;
+  // Returns whether images were dropped since the last call, because too many waited.
+  bool log_overflow();
+  // Returns how often the images of the window that begins with this frame are halved.
+  int choose_halvings(int first_frame, int ready, bool overflowed);
+  // Prepares a window, on which work began at `begin`, while `waiting` more frames have arrived.
+  void prepare(Prepared& prepared, bool is_first, double begin, int waiting);
   void train_windows();
   Status train_all();
   Status train(Prepared& prepared);
@@ -166,6 +175,7 @@ class LiveEncoder {
   bool prepared_all_ = false, trained_all_ = false, stopped_ = false;
   Status error_;
   LiveReport report_;
+  int measured_frames_ = 0;               // of windows with a PSNR
   std::vector<std::uint32_t> latencies_;  // frames, by milliseconds
   std::thread preparing_, training_;      // last: they use the members above
 };

@@ -86,8 +86,9 @@ class LivePreparer {
   // prepared capture without frames. Call it once, before prepare().
   virtual Result<PreparedCapture> start(const std::vector<bool>& takes_part) = 0;
   // Finds the initial points of a window, whose frames are in memory alone, and sets its bounds.
-  // `folder` receives capture.json and the points. The first frame of the first window needs all
-  // cameras. Every `point_interval`-th frame has dynamic points. One thread at a time.
+  // Its images and cameras may be smaller than those of the rig. `folder` receives capture.json and
+  // the points. The first frame of the first window needs all cameras. Every `point_interval`-th
+  // frame has dynamic points. One thread at a time.
   virtual Status prepare(PreparedCapture& window, int point_interval, const ProgressSink& progress,
                          const LogSink& log) = 0;
 };

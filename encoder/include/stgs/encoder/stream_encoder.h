@@ -76,8 +76,8 @@ class StreamEncoder {
   // Returns the number of primitives in the persistent set.
   std::uint64_t persistent() const { return set_.size(); }
   // Encodes the frames that follow. `window` is a prepared capture of these frames alone, with the
-  // cameras of the first window. After an error or a cancellation the recording ends
-  // with the previous window; after kIo it must be reopened.
+  // cameras of the first window, whose images may have another size. After an error or a
+  // cancellation the recording ends with the previous window; after kIo it must be reopened.
   Result<StreamWindow> encode(const PreparedCapture& window, const ProgressSink& progress,
                               const LogSink& log, const WindowWork& work = {});
   // Extends the recording by frames with persistent content alone, for which there are no images.

@@ -133,6 +133,10 @@ struct TrainReport {
   double importance_seconds = 0;  // of computing the importances after the steps, for pack
   std::size_t primitives = 0;
   double final_loss = 0;
+  // Of training images over the last quarter of the steps, at most 100, after the colour correction
+  // of the loss, dB; 0: no step was trained. Images that training has not seen have less. Some
+  // presets drop primitives in each step (drop_share), which costs some of it.
+  double psnr = 0;
   std::uint64_t peak_memory = 0;  // resident set, bytes
   FrameStatistics frames;
   std::optional<HeldOutScore> held_out;                         // of the latest evaluation

@@ -187,6 +187,7 @@ Status CpuBackend::step(const StepInput& input) {
   out.loss = value.loss + cpu::regularisation_loss(rendered(), state_->updates, frame_, input) +
              input.weight_normal * out.normal + input.weight_perceptual * out.perceptual;
   out.l1 = value.l1;
+  out.mse = value.mse;
   out.ssim = value.ssim;
   out.visible = frame_.splats.size();
   if (input.gather_camera) {

@@ -30,6 +30,7 @@ StepOutput output_of(const StepRecord& record, bool with_camera) {
   StepOutput output;
   output.loss = record.loss;
   output.l1 = record.l1;
+  output.mse = record.mse;
   output.ssim = record.ssim;
   output.normal = record.normal;
   output.perceptual = record.perceptual;

@@ -6,10 +6,11 @@
 namespace stgs::encoder::cuda {
 namespace {
 
-// L1 and colour, SSIM, L_n, regularisers.
+// Those of the image loss, SSIM, L_n, regularisers.
 constexpr int kFloatQuantities = kLossSums + 2, kQuantities = kFloatQuantities + 1;
 constexpr int kBlock = 512;
 constexpr int kMapSize = 12;
+static_assert(kLossSums == kMapSize + 2);
 
 struct FinishArguments {
   Counters* counters;
@@ -61,6 +62,7 @@ __device__ void write_record(const FinishArguments& a, const double* sums) {
   record.instances = a.counters->instances;
   record.visible = a.counters->visible;
   record.l1 = sums[0] / a.values;
+  record.mse = sums[1 + kMapSize] / a.values;
   record.ssim = sums[kLossSums] / a.values;
   record.normal = 3.0 * sums[kLossSums + 1] / a.values;
   record.perceptual = a.weights.perceptual > 0 ? *a.perceptual : 0.0;

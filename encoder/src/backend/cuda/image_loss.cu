@@ -257,7 +257,7 @@ __global__ void __launch_bounds__(kThreads)
   float map[12];
 #pragma unroll
   for (int k = 0; k < 12; ++k) map[k] = p.map[k];
-  float d[kOwn][3] = {}, l1 = 0.0f;
+  float d[kOwn][3] = {}, l1 = 0.0f, squares = 0.0f;
 #pragma unroll
   for (int c = 0; c < 3; ++c) {
     __syncthreads();
@@ -280,6 +280,7 @@ __global__ void __launch_bounds__(kThreads)
       const float sign = difference == 0.0f ? 0.0f : copysignf(l1_scale, difference);
       d[own][c] = fmaf(ssim_scale, slope, sign);
       l1 += fabsf(difference);
+      squares = fmaf(difference, difference, squares);
     }
   }
   float by_map[12] = {};
@@ -293,6 +294,8 @@ __global__ void __launch_bounds__(kThreads)
     const float sum = block_sum<kThreads>(by_map[k]);
     if (threadIdx.x == 0) sums[(k + 1) * blocks + block] = sum;
   }
+  squares = block_sum<kThreads>(squares);
+  if (threadIdx.x == 0) sums[(kLossSums - 1) * blocks + block] = squares;
 }
 
 }  // namespace

@@ -25,7 +25,8 @@ inline constexpr int kSums = 12;      // floats per splat and tile that the back
 inline constexpr int kSegment = 128;  // entries of a tile's list per block of the backward blend
 inline constexpr int kLossX = 32;     // width and height of a block of the image loss, pixels
 inline constexpr int kLossY = 16;
-inline constexpr int kLossSums = 13;       // per block: L1, then the 12 gradients of the colour map
+// Sums per block of the image loss: L1, the 12 gradients of the colour map, squared differences.
+inline constexpr int kLossSums = 14;
 inline constexpr int kPlaneSums = 4;       // floats per splat and tile: the gradient of its plane
 inline constexpr int kUpdateBlock = 128;   // primitives per block of the update
 inline constexpr int kBinPrimitives = 64;  // primitives per block of the binning
@@ -116,7 +117,7 @@ struct Counters {
 
 // The results of a step for the host.
 struct StepRecord {
-  double loss, l1, ssim, normal, perceptual;
+  double loss, l1, mse, ssim, normal, perceptual;
   unsigned long long instances;
   std::uint32_t visible, overflow;
   // Gradients of the camera and of its vignetting, if they are gathered.
