@@ -173,6 +173,7 @@ Status encode_windows(encoder::WindowPreparer& preparer, const encoder::StreamSe
   if (encoder->frames() > 0) {
     session.log(2, fmt::format("{}: resuming after frame {}", work, encoder->frames()));
   }
+  preparer.keep_analysis(work + "/first-window.analysis");
   WindowLoop loop(preparer, *encoder, work, session);
   const Status encoded = loop.run();
   if (!encoded.ok() && interrupted()) {

@@ -10,6 +10,7 @@
 
 #include "capture_files.h"
 #include "geometry/view_matcher.h"
+#include "init/static_findings.h"
 #include "init_settings.h"
 #include "plural.h"
 #include "serial_opencv.h"
@@ -173,17 +174,16 @@ class Preparer final : public WindowPreparer {
     return fmt::format("capture {:016x}\n", XXH3_64bits(out.data(), out.size()));
   }
 
+  void keep_analysis(const std::string& path) override { findings_path_ = path; }
+
   Result<PreparedCapture> prepare(std::size_t index, const std::string& folder, bool files,
                                   const ProgressSink& progress, const LogSink& log) override {
     const LogSink log_or_none = log ? log : [](int, const std::string&) {};
     PreparedCapture window;
     const Status prepared = guarded_by_target(
         capture_, folder, settings_.overwrite, log_or_none, [&](const std::string& work) -> Status {
-          if (index > 0 && !findings_) {
-            log_or_none(2, fmt::format("{}: analysing the first window again", capture_));
-            STGS_TRY(prepare_window(0, work + "/first", files, progress, log_or_none).status());
-            fs::remove_all(work + "/first");
-          }
+          if (index > 0 && !findings_)
+            STGS_TRY(find_findings(work + "/first", files, progress, log_or_none));
           STGS_ASSIGN(window,
                       prepare_window(index, work + "/prepared", files, progress, log_or_none));
           return {};
@@ -210,13 +210,38 @@ class Preparer final : public WindowPreparer {
     STGS_TRY(write_frames(source_, plans_, window, videos_, progress));
     InitSettings init = init_settings(capture_, source_, settings_);
     init.write_report = files;
-    STGS_TRY(index == 0 ? initialise(window, init, progress, log, &findings_)
-                        : initialise_later(window, init, *findings_, progress, log));
+    if (index == 0) {
+      STGS_TRY(initialise(window, init, progress, log, &findings_));
+      STGS_TRY(store_findings());
+    } else {
+      STGS_TRY(initialise_later(window, init, *findings_, progress, log));
+    }
     STGS_TRY(write_prepared_capture(window));
     return window;
   }
 
  private:
+  // Reads the findings in the first window, or analyses it again in a new folder, which it removes.
+  Status find_findings(const std::string& folder, bool files, const ProgressSink& progress,
+                       const LogSink& log) {
+    if (!findings_path_.empty() && fs::exists(findings_path_)) {
+      STGS_ASSIGN(const std::string text, identity());
+      STGS_ASSIGN(StaticFindings read, read_findings(findings_path_, text));
+      findings_ = std::make_shared<const StaticFindings>(std::move(read));
+      return {};
+    }
+    log(2, fmt::format("{}: analysing the first window again", capture_));
+    STGS_TRY(prepare_window(0, folder, files, progress, log).status());
+    fs::remove_all(folder);
+    return {};
+  }
+
+  Status store_findings() const {
+    if (findings_path_.empty()) return {};
+    STGS_ASSIGN(const std::string text, identity());
+    return write_findings(findings_path_, text, *findings_);
+  }
+
   // Adds the path, the size and the time of the last change of a file.
   Status add_version(const std::string& path, std::string& out) const {
     STGS_ASSIGN(const CaptureFile file, source_.files->open_file(path));
@@ -233,6 +258,7 @@ class Preparer final : public WindowPreparer {
   std::vector<FrameSpan> windows_;
   OpenVideos videos_;
   std::shared_ptr<const StaticFindings> findings_;  // of the first window
+  std::string findings_path_;                       // "": they are kept in memory alone
 };
 
 }  // namespace

@@ -98,12 +98,17 @@ class WindowPreparer {
   virtual Result<std::string> identity() const = 0;
   // Returns the windows, in frames of the capture.
   virtual const std::vector<FrameSpan>& windows() const = 0;
+  // Keeps the analysis of the first window in a file, from which another object can prepare the
+  // later windows: prepare() writes it after the first window, and reads it for a later one. ""
+  // (the default): in memory alone.
+  virtual void keep_analysis(const std::string& path) = 0;
   // Prepares window `index` into `folder`, which appears complete or not at all, and returns the
   // window. Its frames are also in memory if they take at most a third of what is available; with
   // `files` false they are then in memory alone. There is no report without `files`. A window after
-  // the first has the static points and the bounds of the first, which is analysed again if this
-  // object has not prepared it. Prepare windows in ascending order: for others, videos are decoded
-  // from the beginning.
+  // the first has the static points and the bounds of the first, which is analysed again if neither
+  // this object has prepared it nor the file exists. A file of another capture or with
+  // other settings is kUsage, a damaged one kInvalidFile. Prepare windows in ascending order: for
+  // others, videos are decoded from the beginning.
   virtual Result<PreparedCapture> prepare(std::size_t index, const std::string& folder, bool files,
                                           const ProgressSink& progress, const LogSink& log) = 0;
 };
