@@ -9,6 +9,7 @@
 #include <type_traits>
 
 #include "archive.h"
+#include "train/quantisation_fields.h"
 
 namespace stgs::encoder {
 namespace {
@@ -48,23 +49,11 @@ void visit_compaction(Compaction& compaction, Archive& archive) {
   Quantisation q = compaction.quantisation.value_or(Quantisation());
   std::uint32_t rounding = compaction.is_rounding() ? 1 : 0;
   archive.value(rounding);
-  archive.value(q.quality);
-  archive.value(q.max_error);
-  archive.value(q.longest_part);
-  archive.value(q.lifespans);
-  archive.value(q.opacity);
-  archive.value(q.middle);
-  archive.value(q.near_distance);
-  archive.value(q.near_displacement);
-  archive.array(q.bounds);
-  std::uint8_t graded = q.graded ? 1 : 0;  // reading any other byte into a bool is undefined
-  archive.value(graded);
-  archive.array(q.tiers);
+  visit_quantisation(q, archive);
   archive.value(compaction.rules);
   archive.array(compaction.importance);
   archive.array(compaction.tier);
   if constexpr (!std::is_const_v<Compaction>) {
-    q.graded = graded != 0;
     if (rounding != 0) compaction.quantisation = std::move(q);
   }
 }

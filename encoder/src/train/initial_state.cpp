@@ -293,7 +293,7 @@ Result<TrainState> initial_state(const PreparedCapture& capture, const HyperPara
     STGS_ASSIGN(const TrainState fresh,
                 initial_points_state(capture, parameters, ablation, seed, &set));
     TrainState state = joined(stored, fresh);
-    for (const EndedPrimitive& ended : changes->ended) end_at(state, ended.index, ended.frame);
+    for (const EndedPrimitive& ended : changes->ended) end_at(state.set, ended.index, ended.frame);
     return state;
   }
   STGS_ASSIGN(TrainState state, initial_points_state(capture, parameters, ablation, seed));
