@@ -9,6 +9,7 @@
 #include "encode_options.h"
 #include "encode_windows.h"
 #include "end_after_signal.h"
+#include "opencv.h"
 #include "options.h"
 #include "output_path.h"
 #include "printable.h"
@@ -47,10 +48,12 @@ class Encode final : public Command {
         "With --window, a capture of any length is encoded in windows of time that share static\n"
         "content. It takes the memory of two windows, and the same command continues after the "
         "last\n"
-        "complete window of an interrupted run, in the folder OUTPUT.work.",
+        "complete window of an interrupted run, in the folder OUTPUT.work. Started by mpirun or\n"
+        "srun as several processes, which share this folder, each trains windows of its own.",
         "  stgs encode capture/ -o scene.stgs\n"
         "  stgs encode capture/ -o scene.stgs --preset fast --frames 0:60 --keep-work work/\n"
         "  stgs encode capture/ -o scene.stgs --window 60\n"
+        "  mpirun -np 2 --bind-to none stgs encode capture/ -o scene.stgs --window 60\n"
         "  stgs encode capture/ -o scene.stgs --keep-work work/ --checkpoint work/run.ckpt\n"
         "  stgs encode capture/ -o scene.stgs --keep-work work/ --resume work/run.ckpt"};
   }
@@ -63,7 +66,7 @@ class Encode final : public Command {
         "Keep prepared/ and trained.stgs in this folder, also for --resume; with --window, "
         "the state of the run");
     app.add_option("--window", window_,
-                   "Encode windows of this many frames, one after the other, which share static "
+                   "Encode windows of this many frames, which share static "
                    "content. Default: all frames at once")
         ->check(number_between(kMinWindow, 1e6));
     prepare_.declare(app);
@@ -73,29 +76,25 @@ class Encode final : public Command {
 
   Status run(Session& session) override {
     STGS_TRY(check_extension(output_, "encode", ".stgs"));
-    if (const encoder::Launch launch = encoder::detect_launch(); launch.size > 1) {
-      return usage_error(
-          "encode runs as one process, but {} has started {}; run 'stgs prepare', then 'stgs "
-          "train' "
-          "with several processes, then 'stgs pack'",
-          launch.launcher, launch.size);
-    }
+    STGS_TRY(session.join_world());
+    set_up_opencv(session.options);  // with the threads of this process
     const auto work_path = [this](const char* name) {
       return NamedPath{"--keep-work", keep_work_.empty() ? "" : keep_work_ + name};
     };
     train_.train_for(pack_.settings());
     STGS_ASSIGN(
-        const auto training,
+        auto training,
         train_.settings(session,
                         {{"--output", output_}, work_path("/prepared"), work_path("/trained.stgs")},
                         keep_work_));
+    training.ranks = nullptr;  // each process trains windows of its own
     if (window_ > 0 && !training.resume.empty()) {
       return usage_error(
           "--window and --resume exclude each other: an interrupted run in windows continues with "
           "the same command");
     }
     STGS_TRY(check_resumable(training));
-    STGS_TRY(session.claim_output(output_));
+    if (session.is_first()) STGS_TRY(session.claim_output(output_));
     STGS_TRY(encoder::check_packing(pack_.settings()));
     // Before the long prepare; again once the size of the images is known.
     STGS_TRY(encoder::check_training(training, nullptr));
@@ -108,6 +107,12 @@ class Encode final : public Command {
                                         return encoder::check_training(training, &capture);
                                       }));
       if (windows->windows().size() > 1) return encode_all(*windows, training, session);
+    }
+    if (session.world() != nullptr) {
+      return usage_error(
+          "{}: one process encodes all frames at once, but {} have been started; encode windows "
+          "(--window), or use 'stgs prepare', 'stgs train' with several processes and 'stgs pack'",
+          capture_, session.world()->size());
     }
     WorkFolder folder;
     if (keep_work_.empty()) STGS_TRY(folder.create(output_));

@@ -203,7 +203,7 @@ class Preparer final : public WindowPreparer {
     window.first_frame += windows_[index].begin;
     window.frames = windows_[index].size();
     const auto bytes = double(FrameMemory::bytes_of(window.cameras, window.frames));
-    if (bytes <= kMemoryShare * double(available_memory())) {
+    if (bytes <= kMemoryShare * double(available_memory()) / settings_.share.processes) {
       window.memory = std::make_shared<FrameMemory>();
       window.memory_only = !files;
     }

@@ -180,7 +180,8 @@ Status find_dynamic(State& state) {
   std::shared_ptr<geometry::HullSweeper> sweeper = state.settings.sweeper;
   const auto log = [&](int level, const std::string& line) { state.work.log(line, level); };
   if (!state.settings.live) {
-    STGS_ASSIGN(sweeper, geometry::make_hull_sweeper(state.settings.backend, log));
+    STGS_ASSIGN(sweeper,
+                geometry::make_hull_sweeper(state.settings.backend, state.settings.gpu, log));
   }
   const DynamicFinder finder(state.capture, state.agreeing, state.scene, settings, sweeper.get());
   const std::vector<int> chosen = point_frames(state.capture.frames, state.settings.point_interval);

@@ -238,7 +238,8 @@ std::uint64_t settings_id_of(const TrainSettings& settings, const TrainingChoice
 
 Result<std::uint64_t> settings_id(const TrainSettings& settings) {
   STGS_ASSIGN(const TrainingChoice choice, choose_training(settings));
-  STGS_ASSIGN(const std::unique_ptr<TrainBackend> backend, make_backend(settings.backend));
+  STGS_ASSIGN(const std::unique_ptr<TrainBackend> backend,
+              make_backend(settings.backend, settings.share.index));
   const auto silent = [](int, const std::string&) {};
   STGS_ASSIGN(const PerceptualTerm perceptual,
               PerceptualTerm::create(settings, choice.parameters, *backend, silent));
@@ -265,7 +266,8 @@ TrainPlan train_plan(const TrainingChoice& choice, const PerceptualTerm& percept
 
 Status check_training(const TrainSettings& settings, const PreparedCapture* capture) {
   STGS_ASSIGN(TrainingChoice choice, choose_training(settings));
-  STGS_ASSIGN(const std::unique_ptr<TrainBackend> backend, make_backend(settings.backend));
+  STGS_ASSIGN(const std::unique_ptr<TrainBackend> backend,
+              make_backend(settings.backend, settings.share.index));
   const auto silent = [](int, const std::string&) {};
   STGS_ASSIGN(const PerceptualTerm perceptual,
               PerceptualTerm::create(settings, choice.parameters, *backend, silent));

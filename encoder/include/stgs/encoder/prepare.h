@@ -11,6 +11,7 @@
 
 #include "stgs/encoder/prepared_capture.h"
 #include "stgs/encoder/progress.h"
+#include "stgs/encoder/ranks.h"
 #include "stgs/format/parameter.h"
 #include "stgs/format/status.h"
 
@@ -47,7 +48,8 @@ struct PrepareSettings {
   int max_static_points = 0;
   std::uint64_t seed = 1;
   std::string backend = "auto";  // of multi-view stereo and dynamic points: auto, cpu or cuda
-  bool overwrite = false;        // replace an existing prepared capture at the target
+  MachineShare share;
+  bool overwrite = false;  // replace an existing prepared capture at the target
   // Allow the capture to name files outside its folder, directly or by links: it is trusted.
   bool allow_outside = false;
   // A calibration that a known mistake explains is a warning instead of an error.
