@@ -43,6 +43,14 @@ TEST_CASE("captures are cut into windows of similar length") {
   CHECK(cut_into_windows(3, 1) == Spans{{0, 1}, {1, 2}, {2, 3}});
 }
 
+TEST_CASE("long captures have windows of two seconds by default") {
+  CHECK(default_window(300, {1, 30}) == 0);
+  CHECK(default_window(301, {1, 30}) == 60);
+  CHECK(default_window(1000, {1001, 30000}) == 60);
+  CHECK(default_window(100000, {1, 240}) == 300);
+  CHECK(default_window(301, {1, 1}) == 8);
+}
+
 TEST_CASE("windows have the frames of the capture and the bounds of the first window") {
   const TemporaryFolder folder;
   write_n3dv(folder / "in", 4, 9);

@@ -20,6 +20,11 @@ namespace {
 // With fewer frames, moving content looks static.
 constexpr int kMinWindow = 8;
 
+// A CLI11 validator of --window.
+std::string check_window(const std::string& text) {
+  return text == "0" ? "" : number_between(kMinWindow, 1e6)(text);
+}
+
 // The modification time of a file; none if it does not exist.
 using WriteTime = std::optional<std::filesystem::file_time_type>;
 
@@ -45,11 +50,12 @@ class Encode final : public Command {
         "scene. Ctrl-C stops it and leaves an existing output unchanged. --checkpoint and\n"
         "--resume require --keep-work: training resumes on the capture prepared there, and\n"
         "--resume does not prepare it again.\n"
-        "With --window, a capture of any length is encoded in windows of time that share static\n"
-        "content. It takes the memory of two windows, and the same command continues after the "
-        "last\n"
-        "complete window of an interrupted run, in the folder OUTPUT.work. Started by mpirun or\n"
-        "srun as several processes, which share this folder, each trains windows of its own.",
+        "A capture of more than 300 frames, or with --window, is encoded in windows of time that\n"
+        "share static content. It takes the memory of two windows, and the same command continues\n"
+        "after the last complete window of an interrupted run, in the folder OUTPUT.work. Started\n"
+        "by mpirun or srun as several processes, which share this folder, each trains windows of\n"
+        "its own. --window 0 encodes all frames at once, which --checkpoint, --resume, --log,\n"
+        "--report, --max-seconds, --target-kbps and --target-size need.",
         "  stgs encode capture/ -o scene.stgs\n"
         "  stgs encode capture/ -o scene.stgs --preset fast --frames 0:60 --keep-work work/\n"
         "  stgs encode capture/ -o scene.stgs --window 60\n"
@@ -66,9 +72,10 @@ class Encode final : public Command {
         "Keep prepared/ and trained.stgs in this folder, also for --resume; with --window, "
         "the state of the run");
     app.add_option("--window", window_,
-                   "Encode windows of this many frames, which share static "
-                   "content. Default: all frames at once")
-        ->check(number_between(kMinWindow, 1e6));
+                   "Encode windows of this many frames, at least 8, which share static content; 0: "
+                   "all frames at once. Default: 2 seconds, but 8 to 300 frames, for more than 300 "
+                   "frames, else 0")
+        ->check(check_window);
     prepare_.declare(app);
     train_.declare(app, true);
     pack_.declare(app);
@@ -190,9 +197,9 @@ class Encode final : public Command {
         training.target_size > 0 || training.target_kbps > 0 || training.max_seconds > 0) {
       return usage_error(
           "{}: --checkpoint, --log, --report, --max-seconds, --target-kbps and --target-size need "
-          "all frames at once; remove them, or remove --window (an interrupted run in windows "
-          "resumes without a checkpoint)",
-          capture_);
+          "all frames at once; remove them, or add --window 0 to encode {} frames at once (an "
+          "interrupted run in windows resumes without a checkpoint)",
+          capture_, windows.windows().back().end);
     }
     encoder::StreamSettings settings;
     settings.train = training;
@@ -273,7 +280,7 @@ class Encode final : public Command {
   }
 
   std::string capture_, output_, keep_work_;
-  int window_ = 0;  // 0: all frames at once
+  int window_ = encoder::kDefaultWindow;  // 0: all frames at once
   PrepareOptions prepare_;
   TrainOptions train_;
   PackOptions pack_;

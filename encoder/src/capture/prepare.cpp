@@ -4,6 +4,8 @@
 #include <unistd.h>
 #include <xxhash.h>
 
+#include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <utility>
 #include <vector>
@@ -28,6 +30,8 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr double kMemoryShare = 1.0 / 3;  // of the available memory, for the frames of a window
+constexpr double kDefaultWindowSeconds = 2;
+constexpr int kMinDefaultWindow = 8;  // frames; with fewer, moving content looks static
 
 // Creates the missing parents of a path. The destructor deletes each of them that is empty.
 class Parents {
@@ -142,12 +146,15 @@ class Preparer final : public WindowPreparer {
     STGS_ASSIGN(plans_, plan_frames(source_, settings_, complete_, log));
     log(2, fmt::format("{}: {}, frames {}:{}", capture_, plural(complete_.cameras.size(), "camera"),
                        complete_.first_frame, complete_.first_frame + complete_.frames));
-    windows_ = cut_into_windows(complete_.frames, window);
+    const bool is_default = window == kDefaultWindow;
+    windows_ = cut_into_windows(
+        complete_.frames,
+        is_default ? default_window(complete_.frames, complete_.time_base) : window);
     if (windows_.size() > 1 && !settings_.separate_motion) {
       return usage_error(
-          "{}: windows need dynamic points, which --no-split disables; remove it, or prepare all "
-          "frames at once",
-          capture_);
+          "{}: windows need dynamic points, which --no-split disables; remove it, or encode all {} "
+          "frames at once with --window 0",
+          capture_, complete_.frames);
     }
     return settings_.accept ? settings_.accept(complete_) : Status();
   }
@@ -262,6 +269,12 @@ class Preparer final : public WindowPreparer {
 };
 
 }  // namespace
+
+int default_window(int frames, const TimeBase& time_base) {
+  if (frames <= kMaxFramesAtOnce) return 0;
+  const double ticks = std::min(time_base.ticks(kDefaultWindowSeconds), double(kMaxFramesAtOnce));
+  return std::max(kMinDefaultWindow, int(std::lround(ticks)));
+}
 
 std::vector<FrameSpan> cut_into_windows(int frames, int length) {
   std::vector<FrameSpan> out;

@@ -27,8 +27,8 @@ Status check_settings(const StreamSettings& settings, const TrainingChoice& choi
   const Ablation& ablation = choice.ablation;
   if (!ablation.representation || !ablation.initialisation) {
     return usage_error(
-        "windows share the static primitives of the method sharptimegs; train all frames at once "
-        "with this method or ablation");
+        "windows share the static primitives of the method sharptimegs; encode all frames at once "
+        "with this method or ablation (--window 0)");
   }
   if (settings.resumable && settings.carries_moving)
     return usage_error(
@@ -36,7 +36,7 @@ Status check_settings(const StreamSettings& settings, const TrainingChoice& choi
   if (settings.pack.profile == Profile::kNearLossless) {
     return usage_error(
         "windows cannot be written in the profile {}, whose errors are known only at the end; "
-        "encode all frames at once, or use the profile {}",
+        "encode all frames at once (--window 0), or use the profile {}",
         profile_name(settings.pack.profile), profile_name(Profile::kQuantised));
   }
   return {};

@@ -80,6 +80,15 @@ struct FrameSpan {
   bool operator==(const FrameSpan&) const = default;
 };
 
+// Captures with more frames are encoded in windows by default.
+inline constexpr int kMaxFramesAtOnce = 300;
+// WindowPreparer::open() chooses the windows.
+inline constexpr int kDefaultWindow = -1;
+
+// Returns the default length of the windows of a capture: 2 seconds, but 8 to 300 frames; 0, which
+// is all frames at once, if it has at most kMaxFramesAtOnce.
+int default_window(int frames, const TimeBase& time_base);
+
 // Cuts [0, frames) into windows of `length` frames. The last one is up to half as long again, or
 // shorter, but not by more than half. length 0: one window.
 std::vector<FrameSpan> cut_into_windows(int frames, int length);
@@ -89,7 +98,8 @@ std::vector<FrameSpan> cut_into_windows(int frames, int length);
 class WindowPreparer {
  public:
   // Reads the description of the capture, and calls settings.accept with all its frames. `capture`
-  // and `settings` as in prepare(). `window`: frames of a window; 0: the complete capture is one.
+  // and `settings` as in prepare(). `window`: frames of a window; 0: the complete capture is one;
+  // kDefaultWindow: default_window().
   static Result<std::unique_ptr<WindowPreparer>> open(const std::string& capture,
                                                       const PrepareSettings& settings, int window,
                                                       const ProgressSink& progress,
