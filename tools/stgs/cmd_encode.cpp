@@ -153,7 +153,7 @@ class Encode final : public Command {
       packing.foreground = training.foreground;
     }
     const EndAfterSignal end(session, output_ + ": not written");
-    STGS_TRY(encoder::pack({trained}, output_, packing, &pack_report, session.progress_sink(),
+    STGS_TRY(encoder::pack(trained, output_, packing, &pack_report, session.progress_sink(),
                            session.log_sink()));
     seconds[2] = lap();
     return report(session, train_report, pack_report, seconds);

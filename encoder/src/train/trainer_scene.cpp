@@ -111,10 +111,6 @@ Result<Scene> Trainer::scene() {
   metadata.time_base = capture_.time_base;
   metadata.frames = static_cast<std::uint32_t>(capture_.frames);
   metadata.metres_per_unit = capture_.metric ? 1.0f : 0.0f;
-  metadata.window = capture_.window;
-  if (metadata.window) {
-    metadata.window->training = settings_id_of(settings_, {parameters_, ablation_}, perceptual_);
-  }
   metadata.near_plane = capture_.near_plane;
   metadata.kernel = static_cast<std::uint8_t>(parameters_.kernel);
   std::copy_n(&state_.background.x, 3, metadata.background);
