@@ -55,7 +55,6 @@ static stgs_result train(const char* prepared, const char* trained, const char* 
 
 static stgs_result encode(const char* capture, const char* output, int draft) {
   char prepared[NAME], cameras[NAME], trained[NAME], checkpoint[NAME];
-  const char* const scenes[] = {trained};
   stgs_pack_report report;
   stgs_result result = STGS_OK;
   snprintf(prepared, NAME, "%s.prepared", output);
@@ -66,7 +65,7 @@ static stgs_result encode(const char* capture, const char* output, int draft) {
   if (result == STGS_OK) result = train(prepared, trained, checkpoint, draft);
   if (result != STGS_OK) return result;
   report.struct_size = sizeof report;
-  result = stgs_encoder_pack(encoder, scenes, 1, output, NULL, &report);
+  result = stgs_encoder_pack(encoder, trained, output, NULL, &report);
   if (result == STGS_OK) {
     fprintf(stderr, "\n");
     printf("%llu primitives, %llu bytes, PSNR %.1f dB against the trained scene\n",

@@ -30,8 +30,8 @@ Status encode(const std::string& prepared, const std::string& output, int length
   std::filesystem::create_directory(work);
   const double begin = now();
   STGS_ASSIGN(const auto encoder, StreamEncoder::open(work, settings));
-  STGS_ASSIGN(const std::vector<FrameSpan> spans, plan_windows(capture.frames, length, 0));
-  for (const FrameSpan& span : spans) {
+  for (int begin = 0; begin < capture.frames; begin += length) {
+    const FrameSpan span = {begin, std::min(begin + length, capture.frames)};
     STGS_ASSIGN(const PreparedCapture window, extract_window(capture, span));
     const double start = now();
     STGS_ASSIGN(const StreamWindow out, encoder->encode(window, {}, {}));

@@ -36,12 +36,6 @@ class FullDisk(CliTest):
                       "300", "--iterations", "40", "--set", "compact_keep=1", "-o", "b.stgs")
         self.assertEqual(self.read("a.stgs"), self.read("b.stgs"))
 
-    def test_a_window_completes_without_a_writable_checkpoint(self):
-        result = self.limited("-o", "parts", "--window", "6")
-        self.assertEqual(result.returncode, 0, result.stderr)
-        self.assertIn(b"000000-000006.stgs.ckpt: cannot write", result.stderr)
-        self.json_of("validate", "parts/000000-000006.stgs")
-
 
 @unittest.skipUnless(built_in("encode"), "encode is not built in")
 class Encoding(CliTest):

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Long captures: `stgs encode --window`, interrupted and resumed."""
+import json
 import os
 import shutil
 import signal
@@ -8,8 +9,9 @@ import unittest
 
 import harness
 from harness import CliTest, built_in
+from repeated_video import repeated_video
 
-USAGE, RUNTIME = 1, 4
+USAGE, INVALID, RUNTIME = 1, 3, 4
 
 
 @unittest.skipUnless(built_in("encode"), "encode is not built in")
@@ -60,8 +62,9 @@ class Windows(CliTest):
         # A run with other settings does not continue it.
         self.fails(USAGE, "out.stgs.work: holds an incomplete encoding of another capture or with other settings",
                    *self.encode("--seed", "7"))
-        report = self.json_of(*self.encode("--log-level", "info", "--threads", "1"))
-        self.assertEqual(len(report["windows"]), 1)
+        result = self.succeeds(*self.encode("--log-level", "info", "--threads", "1", "--format", "json"))
+        self.assertNotIn(b"analysing the first window again", result.stderr)
+        self.assertEqual(len(json.loads(result.stdout)["windows"]), 1)
         self.assertEqual(sorted(os.listdir(self.work)), ["once.stgs", "out.stgs"])
         self.assertEqual(self.read("out.stgs"), self.read("once.stgs"))
 
@@ -77,6 +80,23 @@ class Windows(CliTest):
         self.fails(USAGE, "cannot be written in the profile near-lossless",
                    *self.encode("--profile", "near-lossless"))
         self.fails(USAGE, "--window", "encode", harness.sample(), "-o", "x.stgs", "--window", "2")
+
+    def test_a_long_capture_has_windows_by_default(self):
+        os.mkdir(self.path("videos"))
+        frames = [{"file_path": name, "transform_matrix": [[1, 0, 0, x], [0, 1, 0, 0], [0, 0, 1, 5], [0, 0, 0, 1]]}
+                  for x, name in enumerate(("a.mp4", "b.mp4"))]
+        self.write("videos/transforms.json", json.dumps({"w": 480, "h": 360, "fl_x": 400, "fps": 30, "frames": frames}))
+        with open(os.path.join(harness.sample(), "cam03.mp4"), "rb") as file:
+            source = file.read()
+        for name in ("a.mp4", "b.mp4"):
+            self.write("videos/" + name, repeated_video(source, 301))
+        encode = ["encode", "videos", "-o", "out.stgs", "--scale", "0.1", "--iterations", "20"]
+        self.fails(USAGE, "add --window 0 to encode 301 frames at once", *encode, "--target-size", "100000")
+        self.fails(USAGE, "encode all 301 frames at once with --window 0", *encode, "--no-split")
+        # All frames at once: the error is that of the videos.
+        for more in (["--window", "0"], ["--frames", "0:300"]):
+            self.fails(INVALID, "states the same stored frames many times", *encode, "--target-size", "100000", *more)
+        self.assertEqual(os.listdir(self.work), ["videos"])
 
     def test_a_kept_folder_belongs_to_one_run(self):
         os.mkdir(self.path("full"))

@@ -26,8 +26,6 @@ class OutputNames(CliTest):
                    "prepare", prepared, "-o", "x.stgs")
         self.fails(USAGE, r"x.mp4/: prepare writes a folder, not a \.mp4 file", "prepare", prepared,
                    "-o", "x.mp4/")
-        self.fails(USAGE, r"x.stgs: train --window writes a folder", "train", prepared, "-o",
-                   "x.stgs", "--window", "3")
         self.assertEqual(os.listdir(self.work), [])
 
     def test_unknown_suffixes_are_accepted(self):

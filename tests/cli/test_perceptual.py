@@ -122,16 +122,6 @@ class Perceptual(CliTest):
                                 *self.train(*file, "--resume", "run.ckpt"))
             self.assertRegex(result.stderr, rb" perceptual weights: [0-9a-f]{16}, now ")
 
-    def test_a_finished_window_is_reused_only_with_the_same_weights(self):
-        for name, seed in (("w", 1), ("copy", 1), ("other", 2)):
-            self.write(f"{name}.safetensors", weights(True, seed))
-        args = self.train("--window", "6", "--perceptual-weights")
-        args[args.index("out.stgs")] = "parts"
-        self.succeeds(*args, "w.safetensors")
-        output = self.succeeds(*args, "copy.safetensors").stdout.decode()
-        self.assertIn("000000-000006.stgs: already trained", output)
-        self.fails(USAGE, "was trained with other settings", *args, "other.safetensors")
-
     def test_bad_weights_are_rejected(self):
         good = weights(True)
         self.write("cut.safetensors", good[:1000000])

@@ -2,8 +2,6 @@
 """Training with two processes that mpirun starts."""
 import json
 import os
-import re
-import shlex
 import shutil
 import signal
 import subprocess
@@ -12,57 +10,18 @@ import unittest
 
 import harness
 from harness import CliTest
+from mpi import MPIRUN, MpiTest, mpirun_version
 
 USAGE, IO, RUNTIME, NOT_BUILT = 1, 2, 4, 6
-MPIRUN = ["mpirun", "--allow-run-as-root", "--oversubscribe", "--bind-to", "none"]
 OPTIONS = ["--backend", "cpu", "--preset", "fast", "--max-primitives", "300", "--set",
            "densify_interval=20", "--threads", "1"]
-# Seconds for a run, and steps of a run that is interrupted: sanitizers are 10 times slower.
-TIMEOUT, STEPS = (600, 1000) if os.environ.get("STGS_SANITIZE") else (120, 3000)
+# Steps of a run that is interrupted: sanitizers are 10 times slower.
+STEPS = 1000 if os.environ.get("STGS_SANITIZE") else 3000
 
 
-def mpirun_version():
-    text = subprocess.run(["mpirun", "--version"], capture_output=True, text=True, check=True).stdout
-    return int(re.search(r"(\d+)\.\d+", text).group(1))
-
-
-class Ranks(CliTest):
-    def setUp(self):
-        super().setUp()
-        if not harness.built_in("mpi"):
-            self.skipTest("MPI is not built in: install libopenmpi-dev and configure again")
-        if shutil.which("mpirun") is None:
-            self.skipTest("mpirun not found: install openmpi-bin")
-        # Open MPI leaks memory.
-        self.environment = dict(os.environ, ASAN_OPTIONS="detect_leaks=0")
-
+class Ranks(MpiTest):
     def train(self, *more, capture=None):
         return ["train", capture or self.fixture("prepared"), "-o", "out.stgs", *OPTIONS, *more]
-
-    def mpirun(self, *commands):
-        """Runs one process per command, or two processes of a single command."""
-        lines = [shlex.join([harness.STGS, *map(str, command)]) for command in commands]
-        # Not with "COMMAND : COMMAND": mpirun 5.0.7 crashes if one of two commands fails.
-        script = f'if [ "$OMPI_COMM_WORLD_RANK" = 0 ]; then exec {lines[0]}; fi; exec {lines[-1]}'
-        args = [*MPIRUN, "-np", "2", "sh", "-c", script]
-        return subprocess.run(args, cwd=self.work, env=self.environment, capture_output=True,
-                              text=True, timeout=TIMEOUT, check=False)
-
-    def both_succeed(self, *commands):
-        result = self.mpirun(*commands)
-        self.assertEqual(result.returncode, 0, result.stderr)
-        self.assert_no_leftovers()
-        return result
-
-    def both_fail(self, code, message, *commands):
-        """Checks that one process prints the error and that mpirun has its exit code."""
-        result = self.mpirun(*commands)
-        self.assertEqual(result.returncode, code, result.stderr)
-        errors = re.findall(r"(?m)^stgs: error: .*$", result.stderr)
-        self.assertEqual(len(errors), 1, result.stderr)
-        self.assertRegex(errors[0], message)
-        self.assertFalse(os.path.exists(self.path("out.stgs")))
-        self.assert_no_leftovers()
 
     def test_two_processes_train_one_scene(self):
         args = self.train("--iterations", "300", "--log", "log.jsonl", "--format", "json")
@@ -150,8 +109,7 @@ class Ranks(CliTest):
         ranks = []
 
         def kill_the_second(process):
-            ranks.extend(pid for pid in map(int, filter(str.isdigit, os.listdir("/proc")))
-                         if self.stat(pid)[1:2] == [str(process.pid)])
+            ranks.extend(self.ranks_of(process))
             os.kill(max(ranks), signal.SIGKILL)
 
         self.stopped_at(0, kill_the_second, *self.train("--iterations", "1000000"))
@@ -165,26 +123,12 @@ class Ranks(CliTest):
             time.sleep(0.1)
         self.assertEqual(running(), [])
 
-    def stat(self, pid):
-        """Returns the state, parent and further fields of a process (proc(5)), or []."""
-        try:
-            with open(f"/proc/{pid}/stat", encoding="utf-8", errors="replace") as file:
-                return file.read().rsplit(")", 1)[1].split()
-        except (FileNotFoundError, ProcessLookupError):
-            return []
-
 
 class LauncherEnvironment(CliTest):
     """Runs without mpirun, but with the variables that a launcher sets."""
 
     def run_in(self, code, message, args, **environment):
         self.fails(code, message, *args, env={**os.environ, **environment})
-
-    def test_encode_rejects_several_processes(self):
-        for environment in ({"OMPI_COMM_WORLD_SIZE": "2"},
-                            {"SLURM_STEP_ID": "0", "SLURM_NTASKS": "4"}):
-            self.run_in(USAGE, "encode runs as one process",
-                        ["encode", "capture", "-o", "out.stgs"], **environment)
 
     def test_a_build_without_mpi_rejects_several_processes(self):
         if harness.built_in("mpi"):

@@ -153,7 +153,7 @@ class Help(CliTest):
         expected = {
             "prepare": "--layout --frames --scale --test-cameras --fps --output",
             "train": "--preset --iterations --max-primitives --max-seconds --resume --checkpoint "
-                     "--frame-memory --frames --window --overlap --window-index --num-evals --method --ablate --set --log --report --output",
+                     "--frame-memory --num-evals --method --ablate --set --log --report --output",
             "pack": "--quality --output",
             "encode": "--layout --frames --window --preset --iterations --quality --keep-work --output",
             "render": "--camera --cameras --which --time --frames --size --background --side-by-side "

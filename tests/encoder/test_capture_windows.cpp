@@ -43,6 +43,14 @@ TEST_CASE("captures are cut into windows of similar length") {
   CHECK(cut_into_windows(3, 1) == Spans{{0, 1}, {1, 2}, {2, 3}});
 }
 
+TEST_CASE("long captures have windows of two seconds by default") {
+  CHECK(default_window(300, {1, 30}) == 0);
+  CHECK(default_window(301, {1, 30}) == 60);
+  CHECK(default_window(1000, {1001, 30000}) == 60);
+  CHECK(default_window(100000, {1, 240}) == 300);
+  CHECK(default_window(301, {1, 1}) == 8);
+}
+
 TEST_CASE("windows have the frames of the capture and the bounds of the first window") {
   const TemporaryFolder folder;
   write_n3dv(folder / "in", 4, 9);
@@ -76,6 +84,55 @@ TEST_CASE("windows have the frames of the capture and the bounds of the first wi
   CHECK(prepared(*alone, 1, folder / "alone").scene_radius == first.scene_radius);
   for (const char* name : {"points_dynamic.ply", "frames/cam01/000004.png", "capture.json"})
     CHECK(bytes_of(folder / "alone/" + name) == bytes_of(folder / "second/" + name));
+}
+
+TEST_CASE("a later window is prepared from the stored analysis of the first") {
+  const TemporaryFolder folder;
+  write_n3dv(folder / "in", 4, 8);
+  const std::string file = folder / "first.analysis";
+  const auto in_order = open(folder / "in", {}, 4);
+  in_order->keep_analysis(file);
+  (void)prepared(*in_order, 0, folder / "first");
+  (void)prepared(*in_order, 1, folder / "second");
+
+  // Whether the first window was analysed, and the result of preparing the second alone.
+  bool analysed = false;
+  const auto prepare_alone = [&](const PrepareSettings& settings, const std::string& name) {
+    const auto alone = open(folder / "in", settings, 4);
+    alone->keep_analysis(file);
+    analysed = false;
+    return alone
+        ->prepare(1, folder / name, true, {},
+                  [&](int, const std::string& line) {
+                    analysed = analysed || line.find("analysing the first") != std::string::npos;
+                  })
+        .status();
+  };
+  REQUIRE(prepare_alone({}, "alone").ok());
+  CHECK_FALSE(analysed);
+  for (const char* name : {"points_static.ply", "points_dynamic.ply", "capture.json"})
+    CHECK(bytes_of(folder / "alone/" + name) == bytes_of(folder / "second/" + name));
+
+  PrepareSettings other;
+  other.max_static_points = 50;
+  CHECK(prepare_alone(other, "other").code() == StatusCode::kUsage);
+  const std::string intact = bytes_of(file);
+  const auto damage = [&](std::string bytes) {
+    std::ofstream(file, std::ios::binary) << bytes;
+    const Status status = prepare_alone({}, "damaged");
+    CHECK(status.code() == StatusCode::kInvalidFile);
+    CHECK(status.message().find("remove it") != std::string::npos);
+    CHECK_FALSE(fs::exists(folder / "damaged"));
+  };
+  damage(intact.substr(0, intact.size() / 2));
+  damage("");
+  std::string changed = intact;
+  changed[changed.size() / 2] = static_cast<char>(changed[changed.size() / 2] ^ 1);
+  damage(changed);
+  fs::remove(file);
+  REQUIRE(prepare_alone({}, "again").ok());
+  CHECK(analysed);
+  CHECK(bytes_of(file) == intact);
 }
 
 TEST_CASE("a window in memory has no image files, and has given masks as they are") {

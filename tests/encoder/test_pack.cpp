@@ -20,7 +20,7 @@ TEST_CASE("pack reports the errors of the file that it writes") {
   scene.gaussians.opacity_logit[5] = -20.0f;  // never visible
   REQUIRE(write_scene(in, scene, {}).ok());
   encoder::PackReport report;
-  const Status status = encoder::pack({in}, out, {}, &report);
+  const Status status = encoder::pack(in, out, {}, &report);
   INFO(status.message());
   REQUIRE(status.ok());
   CHECK(report.primitives + report.dropped == 3000);
@@ -40,7 +40,7 @@ TEST_CASE("pack reports the errors of the file that it writes") {
   REQUIRE(read.ok());
   CHECK((*read)->profile() == Profile::kQuantised);
   CHECK((*read)->primitives() == report.primitives);
-  CHECK(encoder::pack({folder / "none.stgs"}, out, {}, nullptr).code() == StatusCode::kIo);
+  CHECK(encoder::pack(folder / "none.stgs", out, {}, nullptr).code() == StatusCode::kIo);
 }
 
 TEST_CASE("packing can be cancelled at any step and then writes no file") {
@@ -50,7 +50,7 @@ TEST_CASE("packing can be cancelled at any step and then writes no file") {
   for (int steps = 0;; ++steps) {
     double last = -1;
     int left = steps;
-    const Status status = encoder::pack({in}, out, {}, nullptr, [&](const encoder::Progress& p) {
+    const Status status = encoder::pack(in, out, {}, nullptr, [&](const encoder::Progress& p) {
       CHECK(p.stage == "pack");
       CHECK(p.done > last);
       last = p.done;
@@ -88,7 +88,7 @@ struct PackFixture {
   }
 
   StatusCode pack(const encoder::PackSettings& settings, encoder::PackReport& report) const {
-    const Status status = encoder::pack({in}, out, settings, &report);
+    const Status status = encoder::pack(in, out, settings, &report);
     UNSCOPED_INFO(status.message());
     return status.code();
   }
@@ -196,7 +196,7 @@ TEST_CASE("the error names the smallest possible bound, which then holds within 
   encoder::PackSettings settings;
   settings.quality = 85;
   settings.max_error = 1e-4;
-  const Status rejection = encoder::pack({files.in}, files.out, settings, &report);
+  const Status rejection = encoder::pack(files.in, files.out, settings, &report);
   REQUIRE(rejection.code() == StatusCode::kUnsupported);
   const std::string before = "the smallest possible error is ", text = rejection.message();
   const std::size_t at = text.find(before);
@@ -221,7 +221,7 @@ TEST_CASE("an impossible bound is rejected, naming the primitive or range that e
     const PackFixture files(scene);
     encoder::PackSettings settings;
     settings.max_error = 1;
-    const Status status = encoder::pack({files.in}, files.out, settings, nullptr);
+    const Status status = encoder::pack(files.in, files.out, settings, nullptr);
     CHECK(status.code() == StatusCode::kUnsupported);
     return status.message();
   };

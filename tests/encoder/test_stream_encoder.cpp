@@ -152,7 +152,7 @@ TEST_CASE("later windows leave the stored primitives as they are, to the bit") {
   const TrainState before = *set.state();
   REQUIRE(before.count_fixed() > 50);
   const std::string path = synthetic.capture.folder + "/a.set";
-  set.set_recorded(std::vector<StoredPrimitive>(set.size(), {7, 1}), 100);
+  set.set_recorded({std::vector<StoredPrimitive>(set.size(), {7, 1}), 100});
   REQUIRE(set.write(path).ok());
   auto read = PersistentSet::read(path);
   INFO(read.status().message());

@@ -249,7 +249,7 @@ TEST_CASE("a limit of the file decides how many primitives remain") {
     REQUIRE(scene.ok());
     REQUIRE(write_scene(trained, *scene, {}).ok());
     PackReport report;
-    REQUIRE(pack({trained}, packed, {}, &report).ok());
+    REQUIRE(pack(trained, packed, {}, &report).ok());
     return report;
   };
   TrainSettings settings = short_run(120);

@@ -33,7 +33,7 @@ void check_scene(const char* path, const std::uint64_t* bytes) {
 stgs_train_settings EncoderCalls::training_settings() {
   stgs_train_settings s = short_training();
   for (int changes = choices_.next() % 4; changes > 0; --changes) {
-    switch (choices_.next() % 16) {
+    switch (choices_.next() % 14) {
       case 0:
         s.preset = choices_.small_int();
         break;
@@ -56,33 +56,27 @@ stgs_train_settings EncoderCalls::training_settings() {
         s.seed = choices_.next() * std::uint64_t{0x0101010101010101};
         break;
       case 6:
-        s.first_frame = choices_.small_int();
-        break;
-      case 7:
-        s.end_frame = choices_.small_int();
-        break;
-      case 8:
         s.checkpoint =
             choose_path({nullptr, "", "run.ckpt", "new.ckpt", "out.stgs", "none/x", "empty"});
         break;
-      case 9:
+      case 7:
         s.checkpoint_interval = choices_.count();
         break;
-      case 10:
+      case 8:
         s.resume =
             choose_path({nullptr, "", "run.ckpt", "new.ckpt", "scene.stgs", "none", "empty"});
         break;
-      case 11:
+      case 9:
         s.log_path =
             choose_path({nullptr, "", "run.jsonl", "run.ckpt", "out.stgs", "none/x", "empty"});
         break;
-      case 12:
+      case 10:
         s.held_out_evaluations = choices_.count();
         break;
-      case 13:
+      case 11:
         s.frame_memory = choices_.count() * std::uint64_t{choices_.next()};
         break;
-      case 14:
+      case 12:
         s.perceptual_weights = choose_path({nullptr, "", "notes.txt", "none", "empty"});
         break;
       default:
@@ -183,18 +177,13 @@ stgs_pack_settings EncoderCalls::pack_settings() {
 
 void EncoderCalls::pack() {
   SettingsArgument<stgs_pack_settings> settings(pack_settings(), choices_);
-  const std::uint32_t count = choices_.next() % 4;
-  const char* scenes[3];
-  for (const char*& scene : scenes) {
-    scene = choose_path(
-        {"scene.stgs", "out.stgs", nullptr, "", "notes.txt", "none", "empty", "run.ckpt"});
-  }
+  const char* const scene = choose_path(
+      {"scene.stgs", "out.stgs", nullptr, "", "notes.txt", "none", "empty", "run.ckpt"});
   const char* const output = choose_path(
       {"out.stgs", "packed.stgs", "scene.stgs", nullptr, "", "none/x.stgs", "empty", "notes.txt"});
   ReportArgument<stgs_pack_report> report(choices_.next());
   const stgs_result result = run({output == nullptr ? "" : output}, {}, [&] {
-    return stgs_encoder_pack(encoder_, count == 3 ? nullptr : scenes, count, output, settings.get(),
-                             report.get());
+    return stgs_encoder_pack(encoder_, scene, output, settings.get(), report.get());
   });
   check_report(report, result);
   if (result == STGS_OK) {

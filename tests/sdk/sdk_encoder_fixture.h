@@ -186,8 +186,7 @@ Output empty_output() {
 inline stgs_result pack_one(const ObservedEncoder& encoder, const std::string& scene,
                             const std::string& output, const stgs_pack_settings* settings = nullptr,
                             stgs_pack_report* report = nullptr) {
-  const char* const scenes[] = {scene.c_str()};
-  return stgs_encoder_pack(encoder.get(), scenes, 1, output.c_str(), settings, report);
+  return stgs_encoder_pack(encoder.get(), scene.c_str(), output.c_str(), settings, report);
 }
 
 }  // namespace stgs::testing

@@ -10,7 +10,7 @@ std::uint64_t encoded_bytes(const std::string& capture, const std::string& outpu
   encoder.check_training();
   encoder.prepare(capture, output + ".prepared");
   encoder.train(output + ".prepared", output + ".trained");
-  return encoder.pack({output + ".trained"}, output).bytes_out;
+  return encoder.pack(output + ".trained", output).bytes_out;
 }
 
 std::uint64_t filmed_frames(const std::string& rig, const void* pixels);

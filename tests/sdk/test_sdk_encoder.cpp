@@ -289,28 +289,6 @@ TEST_CASE("an encoder limits its threads", "[sdk]") {
   CHECK(pool_threads() == before);
 }
 
-TEST_CASE("training windows are trained separately and packed together", "[sdk]") {
-  const PreparedCapture prepared;
-  ObservedEncoder encoder;
-  stgs_train_settings settings = short_training(10);
-  const std::string parts[] = {prepared.path("0-4.stgs"), prepared.path("2-6.stgs")};
-  for (int i = 0; i < 2; ++i) {
-    settings.first_frame = 2 * i;
-    settings.end_frame = i == 0 ? 4 : -1;
-    REQUIRE(stgs_encoder_train(encoder.get(), prepared.folder().c_str(), parts[i].c_str(),
-                               &settings, nullptr) == STGS_OK);
-  }
-  const char* const scenes[] = {parts[1].c_str(), parts[0].c_str()};
-  const std::string output = prepared.path("packed.stgs");
-  REQUIRE(stgs_encoder_pack(encoder.get(), scenes, 2, output.c_str(), nullptr, nullptr) == STGS_OK);
-  const ScenePtr opened = make_scene();
-  REQUIRE(stgs_scene_open(opened.get(), output.c_str()) == STGS_OK);
-  stgs_scene_info info{};
-  info.struct_size = sizeof info;
-  REQUIRE(stgs_scene_get_info(opened.get(), &info) == STGS_OK);
-  CHECK(info.frames == 6);
-}
-
 TEST_CASE("one of four encoders writes an output at a time, the others report it", "[sdk]") {
   const PreparedCapture prepared;
   const ObservedEncoder trainer;
@@ -325,10 +303,9 @@ TEST_CASE("one of four encoders writes an output at a time, the others report it
   for (int k = 0; k < 4; ++k) {
     threads.emplace_back([&] {
       const ObservedEncoder encoder;
-      const char* const scene = trained.c_str();
       for (int run = 0; run < 5; ++run) {
         const stgs_result result =
-            stgs_encoder_pack(encoder.get(), &scene, 1, output.c_str(), nullptr, nullptr);
+            stgs_encoder_pack(encoder.get(), trained.c_str(), output.c_str(), nullptr, nullptr);
         packed += result == STGS_OK;
         refused += result == STGS_ERROR_ARGUMENT &&
                    std::string(encoder.error().message).find("is writing it") != std::string::npos;

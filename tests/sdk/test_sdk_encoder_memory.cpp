@@ -89,9 +89,9 @@ TEST_CASE("packing survives any failing allocation", "[sdk]") {
   const std::string scene = folder / "scene.stgs", output = folder / "packed.stgs";
   const Primitives cloud(40);
   record(scene, cloud.fragment(kFrames));
-  const char* const scenes[] = {scene.c_str()};
   const ObservedEncoder encoder(1);
-  REQUIRE(stgs_encoder_pack(encoder.get(), scenes, 1, output.c_str(), nullptr, nullptr) == STGS_OK);
+  REQUIRE(stgs_encoder_pack(encoder.get(), scene.c_str(), output.c_str(), nullptr, nullptr) ==
+          STGS_OK);
   const Bytes expected = bytes_of(output);
   bool failed = true;
   int failures = 0;
@@ -99,14 +99,14 @@ TEST_CASE("packing survives any failing allocation", "[sdk]") {
     fs::remove(output);
     stgs_result result = STGS_OK;
     failed = with_failing_allocation(n, [&] {
-      result = stgs_encoder_pack(encoder.get(), scenes, 1, output.c_str(), nullptr, nullptr);
+      result = stgs_encoder_pack(encoder.get(), scene.c_str(), output.c_str(), nullptr, nullptr);
     });
     INFO("allocation " << n << ": " << result << " " << encoder.error().message);
     REQUIRE(is_ok_or_out_of_memory(result));
     if (result != STGS_OK) {
       ++failures;
       REQUIRE_FALSE(fs::exists(output));
-      REQUIRE(stgs_encoder_pack(encoder.get(), scenes, 1, output.c_str(), nullptr, nullptr) ==
+      REQUIRE(stgs_encoder_pack(encoder.get(), scene.c_str(), output.c_str(), nullptr, nullptr) ==
               STGS_OK);
     }
     REQUIRE((bytes_of(output) == expected));

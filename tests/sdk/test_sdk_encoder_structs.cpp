@@ -67,9 +67,8 @@ TEST_CASE("the encoder accepts structs of older and newer headers", "[sdk]") {
   });
   CHECK(progress_size == sizeof(stgs_encoder_progress));
 
-  const char* const scenes[] = {scene.c_str()};
   const auto pack = [&](const stgs_pack_settings* s, stgs_pack_report* report) {
-    return stgs_encoder_pack(encoder.get(), scenes, 1, packed.c_str(), s, report);
+    return stgs_encoder_pack(encoder.get(), scene.c_str(), packed.c_str(), s, report);
   };
   check_input_struct("stgs_pack_settings", defaults_of(stgs_pack_settings_defaults), 16,
                      [&](const stgs_pack_settings* s) { return pack(s, nullptr); });

@@ -211,8 +211,7 @@ TEST_CASE("the C interface checks the ranges of the tables") {
       });
   check_c_ranges<encoder::PackParameters>(
       defaults_of(stgs_pack_settings_defaults), [&](const stgs_pack_settings& s) {
-        const char* const scene = none.c_str();
-        CHECK(stgs_encoder_pack(encoder, &scene, 1, output.c_str(), &s, nullptr) != STGS_OK);
+        CHECK(stgs_encoder_pack(encoder, none.c_str(), output.c_str(), &s, nullptr) != STGS_OK);
         return message();
       });
   stgs_encoder_destroy(encoder);

@@ -9,6 +9,7 @@
 #include "encode_options.h"
 #include "encode_windows.h"
 #include "end_after_signal.h"
+#include "opencv.h"
 #include "options.h"
 #include "output_path.h"
 #include "printable.h"
@@ -18,6 +19,11 @@ namespace {
 
 // With fewer frames, moving content looks static.
 constexpr int kMinWindow = 8;
+
+// A CLI11 validator of --window.
+std::string check_window(const std::string& text) {
+  return text == "0" ? "" : number_between(kMinWindow, 1e6)(text);
+}
 
 // The modification time of a file; none if it does not exist.
 using WriteTime = std::optional<std::filesystem::file_time_type>;
@@ -44,13 +50,16 @@ class Encode final : public Command {
         "scene. Ctrl-C stops it and leaves an existing output unchanged. --checkpoint and\n"
         "--resume require --keep-work: training resumes on the capture prepared there, and\n"
         "--resume does not prepare it again.\n"
-        "With --window, a capture of any length is encoded in windows of time that share static\n"
-        "content. It takes the memory of two windows, and the same command continues after the "
-        "last\n"
-        "complete window of an interrupted run, in the folder OUTPUT.work.",
+        "A capture of more than 300 frames, or with --window, is encoded in windows of time that\n"
+        "share static content. It takes the memory of two windows, and the same command continues\n"
+        "after the last complete window of an interrupted run, in the folder OUTPUT.work. Started\n"
+        "by mpirun or srun as several processes, which share this folder, each trains windows of\n"
+        "its own. --window 0 encodes all frames at once, which --checkpoint, --resume, --log,\n"
+        "--report, --max-seconds, --target-kbps and --target-size need.",
         "  stgs encode capture/ -o scene.stgs\n"
         "  stgs encode capture/ -o scene.stgs --preset fast --frames 0:60 --keep-work work/\n"
         "  stgs encode capture/ -o scene.stgs --window 60\n"
+        "  mpirun -np 2 --bind-to none stgs encode capture/ -o scene.stgs --window 60\n"
         "  stgs encode capture/ -o scene.stgs --keep-work work/ --checkpoint work/run.ckpt\n"
         "  stgs encode capture/ -o scene.stgs --keep-work work/ --resume work/run.ckpt"};
   }
@@ -63,9 +72,10 @@ class Encode final : public Command {
         "Keep prepared/ and trained.stgs in this folder, also for --resume; with --window, "
         "the state of the run");
     app.add_option("--window", window_,
-                   "Encode windows of this many frames, one after the other, which share static "
-                   "content. Default: all frames at once")
-        ->check(number_between(kMinWindow, 1e6));
+                   "Encode windows of this many frames, at least 8, which share static content; 0: "
+                   "all frames at once. Default: 2 seconds, but 8 to 300 frames, for more than 300 "
+                   "frames, else 0")
+        ->check(check_window);
     prepare_.declare(app);
     train_.declare(app, true);
     pack_.declare(app);
@@ -73,29 +83,25 @@ class Encode final : public Command {
 
   Status run(Session& session) override {
     STGS_TRY(check_extension(output_, "encode", ".stgs"));
-    if (const encoder::Launch launch = encoder::detect_launch(); launch.size > 1) {
-      return usage_error(
-          "encode runs as one process, but {} has started {}; run 'stgs prepare', then 'stgs "
-          "train' "
-          "with several processes, then 'stgs pack'",
-          launch.launcher, launch.size);
-    }
+    STGS_TRY(session.join_world());
+    set_up_opencv(session.options);  // with the threads of this process
     const auto work_path = [this](const char* name) {
       return NamedPath{"--keep-work", keep_work_.empty() ? "" : keep_work_ + name};
     };
     train_.train_for(pack_.settings());
     STGS_ASSIGN(
-        const auto training,
+        auto training,
         train_.settings(session,
                         {{"--output", output_}, work_path("/prepared"), work_path("/trained.stgs")},
                         keep_work_));
+    training.ranks = nullptr;  // each process trains windows of its own
     if (window_ > 0 && !training.resume.empty()) {
       return usage_error(
           "--window and --resume exclude each other: an interrupted run in windows continues with "
           "the same command");
     }
     STGS_TRY(check_resumable(training));
-    STGS_TRY(session.claim_output(output_));
+    if (session.is_first()) STGS_TRY(session.claim_output(output_));
     STGS_TRY(encoder::check_packing(pack_.settings()));
     // Before the long prepare; again once the size of the images is known.
     STGS_TRY(encoder::check_training(training, nullptr));
@@ -108,6 +114,12 @@ class Encode final : public Command {
                                         return encoder::check_training(training, &capture);
                                       }));
       if (windows->windows().size() > 1) return encode_all(*windows, training, session);
+    }
+    if (session.world() != nullptr) {
+      return usage_error(
+          "{}: one process encodes all frames at once, but {} have been started; encode windows "
+          "(--window), or use 'stgs prepare', 'stgs train' with several processes and 'stgs pack'",
+          capture_, session.world()->size());
     }
     WorkFolder folder;
     if (keep_work_.empty()) STGS_TRY(folder.create(output_));
@@ -142,7 +154,7 @@ class Encode final : public Command {
       packing.held_out_before = train_report.held_out;  // the latest is that of the final scene
     }
     const EndAfterSignal end(session, output_ + ": not written");
-    STGS_TRY(encoder::pack({trained}, output_, packing, &pack_report, session.progress_sink(),
+    STGS_TRY(encoder::pack(trained, output_, packing, &pack_report, session.progress_sink(),
                            session.log_sink()));
     seconds[2] = lap();
     return report(session, train_report, pack_report, seconds);
@@ -186,9 +198,9 @@ class Encode final : public Command {
         training.target_size > 0 || training.target_kbps > 0 || training.max_seconds > 0) {
       return usage_error(
           "{}: --checkpoint, --log, --report, --max-seconds, --target-kbps and --target-size need "
-          "all frames at once; remove them, or remove --window (an interrupted run in windows "
-          "resumes without a checkpoint)",
-          capture_);
+          "all frames at once; remove them, or add --window 0 to encode {} frames at once (an "
+          "interrupted run in windows resumes without a checkpoint)",
+          capture_, windows.windows().back().end);
     }
     encoder::StreamSettings settings;
     settings.train = training;
@@ -269,7 +281,7 @@ class Encode final : public Command {
   }
 
   std::string capture_, output_, keep_work_;
-  int window_ = 0;  // 0: all frames at once
+  int window_ = encoder::kDefaultWindow;  // 0: all frames at once
   PrepareOptions prepare_;
   TrainOptions train_;
   PackOptions pack_;

@@ -18,23 +18,21 @@ class Pack final : public Command {
  public:
   Help help() const override {
     return {
-        "pack", "Compress a trained scene, or merge training windows",
+        "pack", "Compress a trained scene",
         "Writes the quantised profile: lifespan segments, bounded errors, one stream per\n"
         "attribute; or, for archives, the profile near-lossless. The file states the errors that\n"
         "'stgs info --segments' prints. Decodes the result and reports its cost: the errors of\n"
         "the primitives, the PSNR of 8 renders from and around the start camera against those of\n"
         "SCENE, and with --against the PSNR that the test cameras lose (8 images). Warns if SCENE\n"
-        "was packed before. Merges the windows of a long capture, given in any order, into one\n"
-        "file: each is shown up to the middle of the frames that it shares with the next.",
+        "was packed before.",
         "  stgs pack trained.stgs -o scene.stgs\n"
         "  stgs pack trained.stgs -o small.stgs --quality 60 --against prepared/\n"
         "  stgs pack trained.stgs -o stream.stgs --target-kbps 8000\n"
-        "  stgs pack trained.stgs -o archive.stgs --profile near-lossless\n"
-        "  stgs pack parts/*.stgs -o scene.stgs"};
+        "  stgs pack trained.stgs -o archive.stgs --profile near-lossless"};
   }
   Shared shared() const override { return {.progress = true, .log_level = true, .threads = true}; }
   void declare(Arguments& app) override {
-    app.add_option("SCENE", inputs_, "A lossless .stgs file, or one per window")->required();
+    app.add_option("SCENE", input_, "A lossless .stgs file")->required();
     app.add_option("-o,--output", output_, "Output file (.stgs)")->required();
     auto* against = app.add_option("--against", against_,
                                    "Prepared capture: also measure the PSNR of its test cameras");
@@ -50,14 +48,11 @@ class Pack final : public Command {
     STGS_TRY(check_extension(output_, "pack", ".stgs"));
     STGS_TRY(session.claim_output(output_));
     const EndAfterSignal end(session, output_ + ": not written");
-    for (const std::string& input : inputs_) {
-      STGS_TRY(check_is_path(input));
-      STGS_TRY(check_is_scene(session, input, memory_.limits()));
-      std::error_code missing;  // an output that does not exist is a different file
-      if (std::filesystem::equivalent(input, output_, missing)) {
-        return usage_error("{}: this is the input scene itself; use another output", output_);
-      }
-    }
+    STGS_TRY(check_is_path(input_));
+    STGS_TRY(check_is_scene(session, input_, memory_.limits()));
+    std::error_code missing;  // an output that does not exist is a different file
+    if (std::filesystem::equivalent(input_, output_, missing))
+      return usage_error("{}: this is the input scene itself; use another output", output_);
     encoder::PackReport report;
     const double begin = now_seconds();
     encoder::PackSettings settings = options_.settings();
@@ -65,9 +60,9 @@ class Pack final : public Command {
     settings.foreground = foreground_;
     settings.allow_outside = allow_outside_;
     settings.limits = memory_.limits();
-    STGS_TRY(encoder::pack(inputs_, output_, settings, &report, session.progress_sink(),
+    STGS_TRY(encoder::pack(input_, output_, settings, &report, session.progress_sink(),
                            session.log_sink()));
-    Json json = {{"inputs", inputs_}, {"output", output_}, {"seconds", now_seconds() - begin}};
+    Json json = {{"input", input_}, {"output", output_}, {"seconds", now_seconds() - begin}};
     json.update(to_json(report));
     json["peak_memory"] = peak_memory();
     return session.emit(
@@ -85,8 +80,7 @@ class Pack final : public Command {
   }
 
  private:
-  std::vector<std::string> inputs_;
-  std::string output_, against_;
+  std::string input_, output_, against_;
   bool allow_outside_ = false, foreground_ = false;
   PackOptions options_;
   MemoryOption memory_;

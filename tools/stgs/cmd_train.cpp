@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <filesystem>
 
+#include "allow_outside.h"
 #include "command.h"
 #include "encode_options.h"
 #include "output_path.h"
 #include "parameter_options.h"
 #include "printable.h"
-#include "train_windows.h"
 
 namespace stgs::tools {
 namespace {
@@ -25,15 +25,14 @@ class Train final : public Command {
         "  stgs train prepared/ -o scene.stgs --preset fast --report report/\n"
         "  stgs train prepared/ -o scene.stgs --checkpoint run.ckpt --max-seconds 600\n"
         "  stgs train prepared/ -o scene.stgs --resume run.ckpt\n"
-        "  stgs train prepared/ -o parts/ --window 300 --overlap 30\n"
         "  mpirun -np 2 --bind-to none stgs train prepared/ -o scene.stgs"};
   }
   Shared shared() const override { return encoder_shared("Training backend"); }
   void declare(Arguments& app) override {
     app.add_option("DIR", folder_, "Prepared capture");
-    app.add_option("-o,--output", output_, "Output file (lossless .stgs), or folder with --window");
+    app.add_option("-o,--output", output_, "Output file (lossless .stgs)");
     options_.declare(app);
-    windows_.declare(app);
+    add_allow_outside(app, allow_outside_);
     app.add_flag("--list-parameters", list_,
                  "List the hyper-parameters of the preset and the method, for --set, and exit");
   }
@@ -43,22 +42,10 @@ class Train final : public Command {
       return usage_error("DIR, the prepared capture, is required; usage: stgs train DIR -o OUTPUT");
     if (output_.empty())
       return usage_error("--output is required; usage: stgs train DIR -o OUTPUT");
-    STGS_TRY(check_extension(output_, windows_.has_windows() ? "train --window" : "train",
-                             windows_.has_windows() ? "" : ".stgs"));
+    STGS_TRY(check_extension(output_, "train", ".stgs"));
     STGS_TRY(session.join_world());
-    if (session.world() != nullptr && windows_.has_windows()) {
-      return usage_error(
-          "--window trains in one process; with several processes, train each window with --frames "
-          "FIRST:END");
-    }
-    STGS_ASSIGN(const auto settings,
-                options_.settings(session, paths(), windows_.has_windows() ? output_ : ""));
-    STGS_ASSIGN(const auto capture, windows_.capture(folder_));
-    if (windows_.has_windows() && settings.target_size > 0) {
-      return usage_error(
-          "--target-size limits one file, --window trains several; use --target-kbps");
-    }
-    if (windows_.has_windows()) return train_all(capture, settings, session);
+    STGS_ASSIGN(const auto settings, options_.settings(session, paths(), ""));
+    STGS_ASSIGN(const auto capture, encoder::read_prepared_capture(folder_, allow_outside_));
     if (session.is_first()) STGS_TRY(session.claim_output(output_));
     encoder::TrainReport report;
     STGS_TRY(train_to_file(capture, output_, options_.title(), options_.report(), settings, session,
@@ -97,21 +84,6 @@ class Train final : public Command {
     return paths;
   }
 
-  Status train_all(const encoder::PreparedCapture& capture, const encoder::TrainSettings& settings,
-                   Session& session) {
-    if (!settings.resume.empty() || !settings.checkpoint.empty() || options_.has_log()) {
-      return usage_error(
-          "--checkpoint, --resume and --log cannot be used with --window: each window has a "
-          "checkpoint "
-          "next to its file, resumes from it, and logs to the folder of --report");
-    }
-    STGS_TRY(check_can_make_folder(output_));
-    STGS_ASSIGN(const auto spans, windows_.spans(capture));
-    STGS_TRY(windows_.check_folder(capture, output_));
-    return train_windows(capture, spans, output_, options_.title(), options_.report(), settings,
-                         session);
-  }
-
   Status list(Session& session) const {
     Json parameters = Json::object();
     std::string text;
@@ -128,8 +100,7 @@ class Train final : public Command {
 
   std::string folder_, output_;
   TrainOptions options_;
-  WindowOptions windows_;
-  bool list_ = false;
+  bool list_ = false, allow_outside_ = false;
 };
 
 }  // namespace

@@ -70,18 +70,10 @@ Json held_out_json(const std::optional<encoder::HeldOutScore>& score) {
 }  // namespace
 
 Json to_json(const encoder::PackReport& report) {
-  Json parts = Json::array();
-  for (const encoder::PackedPart& part : report.parts) {
-    parts.push_back({{"input", part.input},
-                     {"begin_frame", part.begin_ticks},
-                     {"end_frame", part.end_ticks},
-                     {"primitives", part.primitives}});
-  }
   return {{"input_profile", profile_name(report.input_profile)},
           {"primitives", report.primitives},
           {"dropped", report.dropped},
           {"left_out", report.left_out},
-          {"parts", parts},
           {"bytes_in", report.bytes_in},
           {"bytes_out", report.bytes_out},
           {"damaged", {{"segments", report.damaged_segments}, {"sh", report.damaged_sh_segments}}},

@@ -98,6 +98,7 @@ Result<std::unique_ptr<encoder::WindowPreparer>> open_stage(
     const std::function<Status(const encoder::PreparedCapture&)>& accept) {
   STGS_ASSIGN(encoder::PrepareSettings settings, options.settings(session.options));
   settings.accept = accept;
+  settings.share = session.machine_share();
   keep_freed_memory();
   return open_windows(capture, settings, window, session);
 }

@@ -80,9 +80,15 @@ Status Session::join_world() {
   if (world_ != nullptr && options.threads == 0) {
     // Processes without a core binding of their own share the cores of the machine.
     const auto cores = static_cast<int>(sysconf(_SC_NPROCESSORS_ONLN));
-    default_thread_pool().set_threads(std::clamp(cores / world_->node_size(), 1, concurrency()));
+    options.threads = std::clamp(cores / world_->node_size(), 1, concurrency());
+    default_thread_pool().set_threads(options.threads);
   }
   return {};
+}
+
+encoder::MachineShare Session::machine_share() const {
+  if (world_ == nullptr) return {};
+  return {world_->node_rank(), world_->node_size()};
 }
 
 int Session::conclude(Status status) {

@@ -51,10 +51,12 @@ class Session {
   Status start();
 
   // Joins the other processes if mpirun or srun has started several. All processes but the first
-  // are silent from then on.
+  // are silent from then on. Sets options.threads to their share of the cores, unless it is set.
   Status join_world();
   // Null if this is the only process.
   encoder::Ranks* world() const { return world_.get(); }
+  // Returns the part of this machine that this process uses.
+  encoder::MachineShare machine_share() const;
   bool is_first() const { return world_ == nullptr || world_->rank() == 0; }
   // Ends the verb: agrees on one status with the other processes and reports it from one of them.
   // Releases what was claimed. Returns the exit code.

@@ -160,6 +160,7 @@ Result<encoder::TrainSettings> TrainOptions::settings(Session& session,
   settings.ablate = fmt::format("{}", fmt::join(ablate_, ","));
   STGS_TRY(add_overrides(settings));
   if (!report_.empty() && !has_log()) settings.log_path = report_ + "/training.jsonl";
+  settings.share = session.machine_share();
   settings.ranks = session.world();
   STGS_TRY(check_paths(settings.log_path, std::move(outputs)));
   if (session.is_first()) STGS_TRY(claim_outputs(new_folder, session));

@@ -160,10 +160,10 @@ std::unique_ptr<TrainBackend> make_cpu_backend();
 // none, kNotBuilt in a build without CUDA. The error states the reason, but no alternative.
 Result<std::unique_ptr<TrainBackend>> make_cuda_backend(int gpu = 0);
 // Creates a backend by name: "cpu", "cuda", or "auto", which is CUDA if the build and the machine
-// support it, else the CPU with the reason logged. `ranks` is not owned and must outlive the
-// backend; null: this process trains alone. Otherwise each rank creates a backend of the same kind,
-// and they are joined.
-Result<std::unique_ptr<TrainBackend>> make_backend(const std::string& name,
+// support it, else the CPU with the reason logged. `gpu`: as make_cuda_backend(), of a process that
+// trains alone. `ranks` is not owned and must outlive the backend; null: this process trains alone.
+// Otherwise each rank creates a backend of the same kind, and they are joined.
+Result<std::unique_ptr<TrainBackend>> make_backend(const std::string& name, int gpu,
                                                    const LogSink& log = nullptr,
                                                    Ranks* ranks = nullptr);
 

@@ -39,9 +39,9 @@ Result<std::unique_ptr<TrainBackend>> make_one(const std::string& name, const Lo
 
 }  // namespace
 
-Result<std::unique_ptr<TrainBackend>> make_backend(const std::string& name, const LogSink& log,
-                                                   Ranks* ranks) {
-  if (ranks == nullptr) return make_one(name, log, 0);
+Result<std::unique_ptr<TrainBackend>> make_backend(const std::string& name, int gpu,
+                                                   const LogSink& log, Ranks* ranks) {
+  if (ranks == nullptr) return make_one(name, log, gpu);
   STGS_ASSIGN(std::unique_ptr<TrainBackend> backend, make_one(name, log, ranks->node_rank()));
   // Different CPU models are fine: every contribution is computed on one of them and then shared.
   const std::string kind = backend->name().rfind("cpu", 0) == 0 ? "cpu" : backend->name();

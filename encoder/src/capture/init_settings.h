@@ -19,6 +19,7 @@ inline InitSettings init_settings(const std::string& name, const PrepareSettings
   init.max_static_points = settings.max_static_points;
   init.seed = settings.seed;
   init.backend = settings.backend;
+  init.gpu = settings.share.index;
   return init;
 }
 

@@ -73,7 +73,8 @@ class Rig final : public LivePreparer {
   }
 
   Status choose_backend(const LogSink& log) {
-    STGS_ASSIGN(sweeper_, geometry::make_hull_sweeper(settings_.backend, log));
+    STGS_ASSIGN(sweeper_,
+                geometry::make_hull_sweeper(settings_.backend, settings_.share.index, log));
     return {};
   }
 

@@ -4,12 +4,15 @@
 #include <unistd.h>
 #include <xxhash.h>
 
+#include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <utility>
 #include <vector>
 
 #include "capture_files.h"
 #include "geometry/view_matcher.h"
+#include "init/static_findings.h"
 #include "init_settings.h"
 #include "plural.h"
 #include "rig_file.h"
@@ -28,6 +31,8 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr double kMemoryShare = 1.0 / 3;  // of the available memory, for the frames of a window
+constexpr double kDefaultWindowSeconds = 2;
+constexpr int kMinDefaultWindow = 8;  // frames; with fewer, moving content looks static
 
 // Creates the missing parents of a path. The destructor deletes each of them that is empty.
 class Parents {
@@ -142,12 +147,15 @@ class Preparer final : public WindowPreparer {
     STGS_ASSIGN(plans_, plan_frames(source_, settings_, complete_, log));
     log(2, fmt::format("{}: {}, frames {}:{}", capture_, plural(complete_.cameras.size(), "camera"),
                        complete_.first_frame, complete_.first_frame + complete_.frames));
-    windows_ = cut_into_windows(complete_.frames, window);
+    const bool is_default = window == kDefaultWindow;
+    windows_ = cut_into_windows(
+        complete_.frames,
+        is_default ? default_window(complete_.frames, complete_.time_base) : window);
     if (windows_.size() > 1 && !settings_.separate_motion) {
       return usage_error(
-          "{}: windows need dynamic points, which --no-split disables; remove it, or prepare all "
-          "frames at once",
-          capture_);
+          "{}: windows need dynamic points, which --no-split disables; remove it, or encode all {} "
+          "frames at once with --window 0",
+          capture_, complete_.frames);
     }
     return settings_.accept ? settings_.accept(complete_) : Status();
   }
@@ -174,17 +182,16 @@ class Preparer final : public WindowPreparer {
     return fmt::format("capture {:016x}\n", XXH3_64bits(out.data(), out.size()));
   }
 
+  void keep_analysis(const std::string& path) override { findings_path_ = path; }
+
   Result<PreparedCapture> prepare(std::size_t index, const std::string& folder, bool files,
                                   const ProgressSink& progress, const LogSink& log) override {
     const LogSink log_or_none = log ? log : [](int, const std::string&) {};
     PreparedCapture window;
     const Status prepared = guarded_by_target(
         capture_, folder, settings_.overwrite, log_or_none, [&](const std::string& work) -> Status {
-          if (index > 0 && !findings_) {
-            log_or_none(2, fmt::format("{}: analysing the first window again", capture_));
-            STGS_TRY(prepare_window(0, work + "/first", files, progress, log_or_none).status());
-            fs::remove_all(work + "/first");
-          }
+          if (index > 0 && !findings_)
+            STGS_TRY(find_findings(work + "/first", files, progress, log_or_none));
           STGS_ASSIGN(window,
                       prepare_window(index, work + "/prepared", files, progress, log_or_none));
           return {};
@@ -204,15 +211,19 @@ class Preparer final : public WindowPreparer {
     window.first_frame += windows_[index].begin;
     window.frames = windows_[index].size();
     const auto bytes = double(FrameMemory::bytes_of(window.cameras, window.frames));
-    if (bytes <= kMemoryShare * double(available_memory())) {
+    if (bytes <= kMemoryShare * double(available_memory()) / settings_.share.processes) {
       window.memory = std::make_shared<FrameMemory>();
       window.memory_only = !files;
     }
     STGS_TRY(write_frames(source_, plans_, window, videos_, progress));
     InitSettings init = init_settings(capture_, source_, settings_);
     init.write_report = files;
-    STGS_TRY(index == 0 ? initialise(window, init, progress, log, &findings_)
-                        : initialise_later(window, init, *findings_, progress, log));
+    if (index == 0) {
+      STGS_TRY(initialise(window, init, progress, log, &findings_));
+      STGS_TRY(store_findings());
+    } else {
+      STGS_TRY(initialise_later(window, init, *findings_, progress, log));
+    }
     if (files) {
       const double fps = 1 / complete_.time_base.seconds(1);
       STGS_TRY(write_rig(source_, plans_, fps, folder + "/rig.json"));
@@ -222,6 +233,27 @@ class Preparer final : public WindowPreparer {
   }
 
  private:
+  // Reads the findings in the first window, or analyses it again in a new folder, which it removes.
+  Status find_findings(const std::string& folder, bool files, const ProgressSink& progress,
+                       const LogSink& log) {
+    if (!findings_path_.empty() && fs::exists(findings_path_)) {
+      STGS_ASSIGN(const std::string text, identity());
+      STGS_ASSIGN(StaticFindings read, read_findings(findings_path_, text));
+      findings_ = std::make_shared<const StaticFindings>(std::move(read));
+      return {};
+    }
+    log(2, fmt::format("{}: analysing the first window again", capture_));
+    STGS_TRY(prepare_window(0, folder, files, progress, log).status());
+    fs::remove_all(folder);
+    return {};
+  }
+
+  Status store_findings() const {
+    if (findings_path_.empty()) return {};
+    STGS_ASSIGN(const std::string text, identity());
+    return write_findings(findings_path_, text, *findings_);
+  }
+
   // Adds the path, the size and the time of the last change of a file.
   Status add_version(const std::string& path, std::string& out) const {
     STGS_ASSIGN(const CaptureFile file, source_.files->open_file(path));
@@ -238,9 +270,16 @@ class Preparer final : public WindowPreparer {
   std::vector<FrameSpan> windows_;
   OpenVideos videos_;
   std::shared_ptr<const StaticFindings> findings_;  // of the first window
+  std::string findings_path_;                       // "": they are kept in memory alone
 };
 
 }  // namespace
+
+int default_window(int frames, const TimeBase& time_base) {
+  if (frames <= kMaxFramesAtOnce) return 0;
+  const double ticks = std::min(time_base.ticks(kDefaultWindowSeconds), double(kMaxFramesAtOnce));
+  return std::max(kMinDefaultWindow, int(std::lround(ticks)));
+}
 
 std::vector<FrameSpan> cut_into_windows(int frames, int length) {
   std::vector<FrameSpan> out;

@@ -67,7 +67,7 @@ class HullSweeper {
   virtual Status run(HullSweep& sweep) = 0;
 };
 
-// kNotBuilt without CUDA, kUnsupported without a GPU.
-Result<std::unique_ptr<HullSweeper>> make_cuda_hull_sweeper();
+// On GPU number `gpu` modulo the number of GPUs. kNotBuilt without CUDA, kUnsupported without one.
+Result<std::unique_ptr<HullSweeper>> make_cuda_hull_sweeper(int gpu = 0);
 
 }  // namespace stgs::encoder::geometry

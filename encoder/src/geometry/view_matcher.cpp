@@ -13,7 +13,7 @@ Status no_cuda() {
 Result<std::unique_ptr<ViewMatcher>> make_cuda_matcher() {
   return no_cuda();
 }
-Result<std::unique_ptr<HullSweeper>> make_cuda_hull_sweeper() {
+Result<std::unique_ptr<HullSweeper>> make_cuda_hull_sweeper(int) {
   return no_cuda();
 }
 #endif
@@ -49,11 +49,11 @@ Result<std::unique_ptr<ViewMatcher>> make_matcher(const std::string& backend, co
   return cuda ? std::move(cuda) : make_cpu_matcher();
 }
 
-Result<std::unique_ptr<HullSweeper>> make_hull_sweeper(const std::string& backend,
+Result<std::unique_ptr<HullSweeper>> make_hull_sweeper(const std::string& backend, int gpu,
                                                        const LogSink& log) {
   if (backend == "cpu") return std::unique_ptr<HullSweeper>();
   if (backend != "cuda" && backend != "auto") return unknown_backend(backend);
-  return if_usable(make_cuda_hull_sweeper(), backend, "dynamic points", log);
+  return if_usable(make_cuda_hull_sweeper(gpu), backend, "dynamic points", log);
 }
 
 }  // namespace stgs::encoder::geometry

@@ -40,7 +40,7 @@ Result<std::unique_ptr<ViewMatcher>> make_cuda_matcher();
 // `backend`: "cpu", "cuda" or "auto", which is CUDA if it can be used.
 Result<std::unique_ptr<ViewMatcher>> make_matcher(const std::string& backend, const LogSink& log);
 // The same for sweeps in the visual hull, but returns null for the CPU.
-Result<std::unique_ptr<HullSweeper>> make_hull_sweeper(const std::string& backend,
+Result<std::unique_ptr<HullSweeper>> make_hull_sweeper(const std::string& backend, int gpu,
                                                        const LogSink& log);
 
 }  // namespace stgs::encoder::geometry

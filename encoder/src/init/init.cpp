@@ -12,7 +12,7 @@
 #include "init/motion.h"
 #include "init/point_frames.h"
 #include "init/report.h"
-#include "init/static_points.h"
+#include "init/static_findings.h"
 #include "init/timing_check.h"
 #include "init/velocity.h"
 #include "init/work.h"
@@ -20,13 +20,6 @@
 #include "stgs/encoder/frame_memory.h"
 
 namespace stgs::encoder {
-
-struct StaticFindings {
-  std::vector<std::string> agreeing;  // names of the cameras, in order
-  init::StaticScene scene;            // of these views
-  PreparedCapture bounds;             // its near_plane, extent, scene_centre and scene_radius
-  std::vector<InitialPoint> points;   // static
-};
 
 namespace {
 
@@ -187,7 +180,8 @@ Status find_dynamic(State& state) {
   std::shared_ptr<geometry::HullSweeper> sweeper = state.settings.sweeper;
   const auto log = [&](int level, const std::string& line) { state.work.log(line, level); };
   if (!state.settings.live) {
-    STGS_ASSIGN(sweeper, geometry::make_hull_sweeper(state.settings.backend, log));
+    STGS_ASSIGN(sweeper,
+                geometry::make_hull_sweeper(state.settings.backend, state.settings.gpu, log));
   }
   const DynamicFinder finder(state.capture, state.agreeing, state.scene, settings, sweeper.get());
   const std::vector<int> chosen = point_frames(state.capture.frames, state.settings.point_interval);
@@ -331,7 +325,10 @@ void set_bounds_from(const PreparedCapture& from, PreparedCapture& to) {
 std::shared_ptr<const StaticFindings> findings_of(const State& state) {
   auto out = std::make_shared<StaticFindings>();
   for (const View& view : state.agreeing) out->agreeing.push_back(view.camera->name);
-  out->scene = state.scene;
+  out->range = state.scene.range;
+  out->focus = state.scene.focus;
+  for (const Surface& surface : state.scene.surfaces)
+    out->surfaces.push_back({{}, {}, surface.depth, surface.weight});
   set_bounds_from(state.capture, out->bounds);
   out->points = state.static_points;
   return out;
@@ -349,7 +346,11 @@ Status run_later(State& state, const StaticFindings& findings) {
     state.agreeing.push_back(state.views[i]);
     state.agreeing_motion.push_back(state.motion[i]);
   }
-  state.scene = findings.scene;
+  if (state.agreeing.size() != findings.agreeing.size())
+    return runtime_error("the analysis of the first window is of other cameras");
+  state.scene.range = findings.range;
+  state.scene.focus = findings.focus;
+  state.scene.surfaces = findings.surfaces;
   set_bounds_from(findings.bounds, state.capture);
   STGS_TRY(find_dynamic(state));
   STGS_TRY(find_velocities(state));

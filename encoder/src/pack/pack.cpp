@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "stgs/encoder/pack.h"
 
-#include <fmt/ranges.h>
-
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
@@ -49,47 +47,28 @@ void measure_errors(const Gaussians4D& original, const Scene& packed,
   report.colour_rms = std::sqrt(colour_sum / (3.0 * n));
 }
 
-// Reads a single scene or merges all windows. Reports their bytes, parts and damage.
-Result<Scene> read_inputs(const std::vector<std::string>& paths, const ReadLimits& limits,
-                          const LogSink& log, PackReport& report) {
-  std::vector<WindowScene> windows;
-  for (const std::string& path : paths) {
-    STGS_ASSIGN(const std::unique_ptr<SceneReader> input, SceneReader::open(path, limits));
-    report.bytes_in += input->file_bytes();
-    if (input->profile() != Profile::kLossless) {
-      report.input_profile = input->profile();
-      if (log) {
-        log(1, fmt::format("{}: already packed, so packing it again adds further loss; pack the "
-                           "lossless scene that 'stgs train' wrote, if it is available",
-                           path));
-      }
-    }
-    DamageReport damage;
-    STGS_ASSIGN(Scene scene, recover_scene(path, damage, limits));
-    for (const std::string& line : describe_damage(damage, scene.metadata.time_base)) {
-      if (log) log(1, fmt::format("{}: {}", path, line));
-    }
-    STGS_ASSIGN(const std::vector<std::string> extras, scene_extras(path, limits));
-    for (const std::string& extra : extras) {
-      if (log) log(1, fmt::format("{}: not copied to the output: {}", path, extra));
-    }
-    report.damaged_segments += damage.segments;
-    report.damaged_sh_segments += damage.segments_without_sh;
-    windows.push_back({path, std::move(scene)});
+// Reads a scene. Reports its bytes and damage.
+Result<Scene> read_input(const std::string& path, const ReadLimits& limits, const LogSink& log,
+                         PackReport& report) {
+  const auto warn = [&](const std::string& text) {
+    if (log) log(1, fmt::format("{}: {}", path, text));
+  };
+  STGS_ASSIGN(const std::unique_ptr<SceneReader> input, SceneReader::open(path, limits));
+  report.bytes_in = input->file_bytes();
+  report.input_profile = input->profile();
+  if (input->profile() != Profile::kLossless) {
+    warn(
+        "already packed, so packing it again adds further loss; pack the lossless scene that 'stgs "
+        "train' wrote, if it is available");
   }
-  if (windows.size() == 1) return std::move(windows.front().scene);
-  std::stable_sort(windows.begin(), windows.end(), [](const WindowScene& a, const WindowScene& b) {
-    return starts_before(a.scene, b.scene);
-  });
-  std::vector<std::string> names;
-  names.reserve(windows.size());
-  for (const WindowScene& window : windows) names.push_back(window.name);
-  STGS_ASSIGN(Scene merged, merge_windows(std::move(windows), log));
-  for (std::size_t i = 0; i < names.size(); ++i) {
-    const ScenePart& part = merged.parts[i];
-    report.parts.push_back({names[i], part.begin_ticks, part.end_ticks, 0});
-  }
-  return merged;
+  DamageReport damage;
+  STGS_ASSIGN(Scene scene, recover_scene(path, damage, limits));
+  for (const std::string& line : describe_damage(damage, scene.metadata.time_base)) warn(line);
+  STGS_ASSIGN(const std::vector<std::string> extras, scene_extras(path, limits));
+  for (const std::string& extra : extras) warn("not copied to the output: " + extra);
+  report.damaged_segments = damage.segments;
+  report.damaged_sh_segments = damage.segments_without_sh;
+  return scene;
 }
 
 // Checks that no setting is without effect in the near-lossless profile.
@@ -156,10 +135,9 @@ Result<HeldOutViews> load_held_out_views(const Scene& scene, const std::string& 
   const std::string& folder = settings.against;
   if (scene.parts.size() > 1) {
     return usage_error(
-        "the loss against a capture cannot be measured for {} merged windows; run 'stgs evaluate' "
-        "on "
-        "the packed scene",
-        scene.parts.size());
+        "{}: the loss against a capture cannot be measured for a scene of {} parts; run 'stgs "
+        "evaluate' on the packed scene",
+        name, scene.parts.size());
   }
   PreparedCapture complete;
   if (settings.against_capture) {
@@ -198,7 +176,7 @@ void measure_psnr(const Scene& scene, const Scene& packed, const HeldOutViews* v
 
 }  // namespace
 
-Status pack(const std::vector<std::string>& scene_paths, const std::string& output_path,
+Status pack(const std::string& scene_path, const std::string& output_path,
             const PackSettings& settings, PackReport* report, const ProgressSink& progress,
             const LogSink& log) {
   const auto report_progress = [&](double done, const char* detail) -> Status {
@@ -208,11 +186,11 @@ Status pack(const std::vector<std::string>& scene_paths, const std::string& outp
   STGS_TRY(check_numbers(settings));
   STGS_TRY(report_progress(0, "reading"));
   PackReport found;
-  STGS_ASSIGN(Scene scene, read_inputs(scene_paths, settings.limits, log, found));
+  STGS_ASSIGN(Scene scene, read_input(scene_path, settings.limits, log, found));
   STGS_TRY(apply_metadata(settings, scene.metadata));
   std::optional<HeldOutViews> views;
   if (!settings.against.empty() || settings.against_capture) {
-    STGS_ASSIGN(views, load_held_out_views(scene, scene_paths.front(), settings, log));
+    STGS_ASSIGN(views, load_held_out_views(scene, scene_path, settings, log));
   }
   STGS_TRY(report_progress(0.1, "compressing"));
   double done = 0.1;  // the number of attempts is unknown: each takes a fraction of the remainder
@@ -221,7 +199,7 @@ Status pack(const std::vector<std::string>& scene_paths, const std::string& outp
   };
   const Result<Packed> result = pack_within(scene, settings, next_attempt);
   if (result.status().code() == StatusCode::kInvalidFile) {
-    return invalid_file("{}: {}", fmt::join(scene_paths, ", "), result.status().message());
+    return invalid_file("{}: {}", scene_path, result.status().message());
   }
   STGS_TRY(result.status());
   const Packed& packed = *result;
@@ -233,9 +211,6 @@ Status pack(const std::vector<std::string>& scene_paths, const std::string& outp
   // Too late to cancel.
   if (progress) progress({"pack", 1, -1, "written"});
   if (report == nullptr) return {};
-  for (std::size_t i = 0; i < found.parts.size(); ++i) {
-    found.parts[i].primitives = packed.decoded.parts[i].primitives;
-  }
   *report = std::move(found);
   const auto primitives = static_cast<double>(packed.order.size());
   report->primitives = packed.order.size();

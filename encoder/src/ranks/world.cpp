@@ -22,6 +22,10 @@ namespace {
 constexpr const char* kModule = "stgs_mpi.so";
 // How long failed ranks wait for the final notes of the others, and then to be aborted.
 constexpr auto kFailureTimeout = std::chrono::seconds(10);
+// A gather polls all the time at first, because those of a training step are short, then in
+// intervals: ranks that train windows wait for minutes, and need their cores for other ranks.
+constexpr auto kBusyTime = std::chrono::milliseconds(50);
+constexpr auto kPollInterval = std::chrono::milliseconds(1);
 
 // The final status of a rank.
 struct Note {
@@ -134,12 +138,17 @@ Status MpiWorld::all_gather(const void* own, std::size_t bytes, void* all) {
   received_.resize(bytes * static_cast<std::size_t>(size_));
   STGS_TRY(mpi_status(mpi_->gather_begin(sent_.data(), bytes, received_.data()), "gathering"));
   waiting_ = true;
+  const auto begin = std::chrono::steady_clock::now();
   for (;;) {
     int done = 0;
     STGS_TRY(mpi_status(mpi_->gather_done(&done), "gathering"));
     if (done != 0) break;
     STGS_TRY(check_peers());
-    std::this_thread::yield();
+    if (std::chrono::steady_clock::now() - begin < kBusyTime) {
+      std::this_thread::yield();
+    } else {
+      std::this_thread::sleep_for(kPollInterval);
+    }
   }
   waiting_ = false;
   if (bytes > 0) std::memcpy(all, received_.data(), received_.size());

@@ -2,15 +2,16 @@
 #include "stgs/encoder/stream_encoder.h"
 
 #include <algorithm>
-#include <cmath>
 #include <filesystem>
 #include <utility>
 
 #include "pack/metadata.h"
-#include "stgs/encoder/windows.h"
 #include "stgs/format/damage_report.h"
 #include "stgs/format/output_file.h"
-#include "train/training_choice.h"
+#include "stream/round.h"
+#include "stream/window_trainer.h"
+#include "train/persistence.h"
+#include "train/train_state.h"
 
 namespace stgs::encoder {
 namespace {
@@ -19,15 +20,8 @@ namespace fs = std::filesystem;
 
 // Frames for which persistent primitives are displayed: more than a capture has (kCaptureLimits).
 constexpr std::uint32_t kPersistentFrames = 1u << 20;
-constexpr std::uint64_t kMaxIdentityBytes = 1u << 20;
-
-Result<std::string> read_text(const std::string& path) {
-  STGS_ASSIGN(const std::unique_ptr<ByteSource> file, open_file(path));
-  if (file->size() > kMaxIdentityBytes) return invalid_file("{}: damaged (too long)", path);
-  std::string text(file->size(), '\0');
-  STGS_TRY(file->read(0, {reinterpret_cast<std::uint8_t*>(text.data()), text.size()}));
-  return text;
-}
+// Marks a member that the set does not contain any more. No record begins at this offset.
+constexpr StoredPrimitive kEnded = {~std::uint64_t{0}, 0};
 
 // Returns the primitives of part p of a scene.
 Gaussians4D primitives_of(const Scene& scene, std::size_t p) {
@@ -39,11 +33,28 @@ Gaussians4D primitives_of(const Scene& scene, std::size_t p) {
   return scene.gaussians.gather(members);
 }
 
-}  // namespace
-
-std::string StreamEncoder::set_path(int frames) const {
-  return fmt::format("{}/persistent-{:07}.set", folder_, frames);
+// Returns members of a set as they are displayed at all times.
+Gaussians4D members_of(const PersistentSet& set, const std::vector<std::uint32_t>& members) {
+  Gaussians4D none;
+  if (members.empty()) return none;
+  const TrainState& state = *set.state();
+  std::vector<std::uint32_t> fixed, indices;
+  for (std::size_t i = 0; i < state.size(); ++i)
+    if (state.is_fixed(i)) fixed.push_back(static_cast<std::uint32_t>(i));
+  for (const std::uint32_t m : members) indices.push_back(fixed[m]);
+  return state.set.gather(indices);
 }
+
+// Returns members of a set that are displayed until their frame of a window.
+Gaussians4D members_until(const PersistentSet& set, const std::vector<MemberEnd>& ends) {
+  std::vector<std::uint32_t> members;
+  for (const MemberEnd& end : ends) members.push_back(end.member);
+  Gaussians4D out = members_of(set, members);
+  for (std::size_t i = 0; i < ends.size(); ++i) end_at(out, i, static_cast<int>(ends[i].frame));
+  return out;
+}
+
+}  // namespace
 
 RecordSettings StreamEncoder::record_settings() const {
   RecordSettings out;
@@ -60,26 +71,6 @@ RecordSettings StreamEncoder::record_settings() const {
 
 namespace {
 
-// kUsage for settings with which windows cannot share content or be recorded.
-Status check_settings(const StreamSettings& settings, const TrainingChoice& choice) {
-  const Ablation& ablation = choice.ablation;
-  if (!ablation.representation || !ablation.initialisation) {
-    return usage_error(
-        "windows share the static primitives of the method sharptimegs; train all frames at once "
-        "with this method or ablation");
-  }
-  if (settings.resumable && settings.carries_moving)
-    return usage_error(
-        "a run that carries moving content cannot be resumable; set resumable to false");
-  if (settings.pack.profile == Profile::kNearLossless) {
-    return usage_error(
-        "windows cannot be written in the profile {}, whose errors are known only at the end; "
-        "encode all frames at once, or use the profile {}",
-        profile_name(settings.pack.profile), profile_name(Profile::kQuantised));
-  }
-  return {};
-}
-
 // Returns the persistent sets in a folder, the latest last.
 Result<std::vector<fs::path>> list_sets(const std::string& folder) {
   std::error_code error;
@@ -95,20 +86,19 @@ Result<std::vector<fs::path>> list_sets(const std::string& folder) {
 
 }  // namespace
 
+StreamEncoder::StreamEncoder(std::string folder, StreamSettings settings)
+    : folder_(std::move(folder)), settings_(std::move(settings)) {}
+
+StreamEncoder::~StreamEncoder() = default;
+
 Result<std::unique_ptr<StreamEncoder>> StreamEncoder::open(const std::string& folder,
                                                            const StreamSettings& settings) {
-  STGS_TRY(check_training(settings.train, nullptr));
-  STGS_TRY(check_packing(settings.pack));
-  STGS_ASSIGN(const TrainingChoice choice, choose_training(settings.train));
-  STGS_TRY(check_settings(settings, choice));
-  STGS_ASSIGN(const std::uint64_t training, settings_id(settings.train));
+  STGS_ASSIGN(WindowTrainer trainer, WindowTrainer::create(settings));
   std::unique_ptr<StreamEncoder> encoder(new StreamEncoder(folder, settings));
+  encoder->trainer_ = std::make_unique<WindowTrainer>(std::move(trainer));
   encoder->set_ = PersistentSet(settings.carries_moving);
-  encoder->later_iterations_ = std::max(
-      1, static_cast<int>(std::lround(settings.later_share * choice.parameters.iterations)));
-  const std::string identity = fmt::format("stgs {}\ntraining {:016x}\nseed {}\n{}", STGS_VERSION,
-                                           training, settings.train.seed, settings.identity);
-  const std::string identity_path = folder + "/identity.txt";
+  const std::string identity_path = identity_path_of(folder);
+  const std::string& identity = encoder->trainer_->identity();
   std::error_code ignored;
   if (!settings.resumable) {
     if (!fs::is_empty(folder, ignored))
@@ -124,8 +114,8 @@ Result<std::unique_ptr<StreamEncoder>> StreamEncoder::open(const std::string& fo
         identity_path, {reinterpret_cast<const std::uint8_t*>(identity.data()), identity.size()}));
     return encoder;
   }
-  STGS_ASSIGN(const std::string found, read_text(identity_path));
-  if (found != identity) {
+  STGS_ASSIGN(const bool is_same, encoder->trainer_->is_run_of(folder));
+  if (!is_same) {
     return usage_error(
         "{}: holds an incomplete encoding of another capture or with other settings; repeat its "
         "command to complete it, or remove the folder",
@@ -144,8 +134,11 @@ Result<std::unique_ptr<StreamEncoder>> StreamEncoder::open(const std::string& fo
 
 Status StreamEncoder::resume(const std::string& newest_set) {
   STGS_ASSIGN(set_, PersistentSet::read(newest_set));
+  if (set_.recorded().primitives.size() != set_.size())
+    return invalid_file("{}: damaged; remove {} and encode again", newest_set, folder_);
   STGS_ASSIGN(recorder_, SceneRecorder::resume(recording_path(), record_settings()));
-  if (recorder_->bytes() > set_.recorded().bytes) {  // the set of the last fragment is missing
+  // The set of the last round is missing: some of its fragments may be, too.
+  if (recorder_->bytes() > set_.recorded().bytes) {
     recorder_.reset();
     std::error_code error;
     fs::resize_file(recording_path(), set_.recorded().bytes, error);
@@ -157,7 +150,7 @@ Status StreamEncoder::resume(const std::string& newest_set) {
                         recording_path(), set_.recorded().bytes, recorder_->bytes(), folder_);
   }
   STGS_ASSIGN(const PreparedCapture first, read_prepared_capture(folder_));
-  take_bounds(first);
+  trainer_->take_bounds(first);
   // A killed process can leave the set of the window before.
   STGS_ASSIGN(const std::vector<fs::path> sets, list_sets(folder_));
   std::error_code ignored;
@@ -167,11 +160,6 @@ Status StreamEncoder::resume(const std::string& newest_set) {
   return {};
 }
 
-void StreamEncoder::take_bounds(const PreparedCapture& first) {
-  bounds_ = {first.near_plane, first.extent, first.scene_radius};
-  std::copy_n(first.scene_centre, 3, bounds_->centre);
-}
-
 int StreamEncoder::frames() const {
   return recorder_ ? static_cast<int>(recorder_->frames()) : 0;
 }
@@ -179,57 +167,79 @@ int StreamEncoder::frames() const {
 Result<StreamWindow> StreamEncoder::encode(const PreparedCapture& window,
                                            const ProgressSink& progress, const LogSink& log,
                                            const WindowWork& work) {
-  try {
-    return encode_window(window, progress, log, work);
-  } catch (const std::exception& error) {
-    return runtime_error("encoding the window after frame {} failed: {}", frames(), error.what());
-  }
+  std::vector<TrainedWindow> round(1);
+  STGS_ASSIGN(round.front(), train_window(window, progress, log, work));
+  STGS_ASSIGN(std::vector<StreamWindow> recorded, append(std::move(round)));
+  return std::move(recorded.front());
 }
 
-Result<StreamWindow> StreamEncoder::encode_window(PreparedCapture window,
+Result<TrainedWindow> StreamEncoder::train_window(const PreparedCapture& window,
                                                   const ProgressSink& progress, const LogSink& log,
                                                   const WindowWork& work) {
-  StreamWindow out;
-  out.first_frame = frames();
-  out.frames = window.frames;
-  TrainSettings train_settings = settings_.train;
-  if (work.max_seconds > 0) train_settings.max_seconds = work.max_seconds;
-  if (work.keep > 0)
-    train_settings.overrides.emplace_back("compact_keep", fmt::format("{:.6f}", work.keep));
-  if (frames() > 0 || work.iterations > 0) {
-    train_settings.iterations = work.iterations > 0 ? work.iterations : later_iterations_;
-    std::erase_if(train_settings.overrides,
-                  [](const auto& entry) { return entry.first == "iterations"; });
-  }
-  if (bounds_) {
-    window.near_plane = bounds_->near_plane;
-    window.extent = bounds_->extent;
-    window.scene_radius = bounds_->radius;
-    std::copy_n(bounds_->centre, 3, window.scene_centre);
-  } else {
-    // A resumed run reads the bounds from it.
+  if (!trainer_->has_bounds()) {
+    // A resumed run and other processes read the bounds from it.
     PreparedCapture first = window;
     first.folder = folder_;
     STGS_TRY(write_prepared_capture(first));
-    take_bounds(first);
+    trainer_->take_bounds(first);
   }
-  PersistentSet set = set_;
-  STGS_ASSIGN(const Scene scene,
-              train(window, train_settings, progress, log, &out.training, {&set, &backend_}));
-  if (!recorder_) STGS_TRY(create_recording(scene));
-  const std::uint64_t bytes = recorder_->bytes(), primitives = recorder_->primitives();
-  const int before = frames(), after = before + window.frames;
-  STGS_TRY(append(scene, window.frames, set));
-  // After the fragment, which a resumed run encodes again if it lacks the set.
-  if (settings_.resumable) STGS_TRY(set.write(set_path(after)));
+  return trainer_->train(window, set_, frames(), progress, log, work);
+}
+
+Result<std::vector<StreamWindow>> StreamEncoder::append(std::vector<TrainedWindow> round) {
+  try {
+    return append_round(std::move(round));
+  } catch (const std::exception& error) {
+    return runtime_error("recording the window after frame {} failed: {}", frames(), error.what());
+  }
+}
+
+Result<std::vector<StreamWindow>> StreamEncoder::append_round(std::vector<TrainedWindow> round) {
+  if (!recorder_) STGS_TRY(create_recording(round.front().scene));
+  const int before = frames();
+  std::vector<std::vector<MemberEnd>> ends;
+  for (const TrainedWindow& window : round) ends.push_back(window.set.ends());
+  STGS_TRY(check_ends(ends));
+  const std::vector<WindowPlan> plans = plan_round(set_.size(), ends);
+  std::vector<StoredPrimitive> members = set_.recorded().primitives, added;
+  std::vector<StreamWindow> out;
+  for (std::size_t k = 0; k < round.size(); ++k) {
+    TrainedWindow& window = round[k];
+    StreamWindow& recorded = out.emplace_back();
+    recorded.first_frame = frames();
+    recorded.frames = window.frames();
+    recorded.ended = ends[k].size();
+    const std::uint64_t bytes = recorder_->bytes(), primitives = recorder_->primitives();
+    STGS_TRY(record(window, plans[k], k + 1 == round.size(), members, added));
+    recorded.primitives = recorder_->primitives() - primitives;
+    recorded.bytes = recorder_->bytes() - bytes;
+    recorded.training = std::move(window.training);
+  }
+  PersistentSet set = std::move(round.back().set);
+  for (const MemberEnd& end : ends.back()) members[end.member] = kEnded;
+  std::erase(members, kEnded);
+  members.insert(members.end(), added.begin(), added.end());
+  set.set_recorded({std::move(members), recorder_->bytes()});
+  // After the fragments, which a resumed run encodes again if it lacks the set.
+  if (settings_.resumable) STGS_TRY(set.write(set_path_of(folder_, frames())));
   set_ = std::move(set);
   std::error_code ignored;
-  fs::remove(set_path(before), ignored);
-  out.primitives = recorder_->primitives() - primitives;
-  out.persistent = set_.size();
-  out.ended = set_.ends().size();
-  out.bytes = recorder_->bytes() - bytes;
+  fs::remove(set_path_of(folder_, before), ignored);
+  for (StreamWindow& window : out) window.persistent = set_.size();
   return out;
+}
+
+Status StreamEncoder::check_ends(const std::vector<std::vector<MemberEnd>>& ends) const {
+  for (const std::vector<MemberEnd>& window : ends) {
+    for (const MemberEnd& end : window) {
+      if (end.member >= set_.size())
+        return invalid_file(
+            "{}: a window ends primitive {} of {}; remove the folder and encode "
+            "again",
+            folder_, end.member, set_.size());
+    }
+  }
+  return {};
 }
 
 Status StreamEncoder::create_recording(const Scene& scene) {
@@ -242,27 +252,40 @@ Status StreamEncoder::create_recording(const Scene& scene) {
   return {};
 }
 
-Status StreamEncoder::append(const Scene& scene, int frames, PersistentSet& set) {
-  const Gaussians4D moving = primitives_of(scene, 0), persistent = primitives_of(scene, 1);
+Status StreamEncoder::record(const TrainedWindow& window, const WindowPlan& plan, bool is_last,
+                             std::vector<StoredPrimitive>& members,
+                             std::vector<StoredPrimitive>& added) {
+  const Scene& scene = window.scene;
+  const Gaussians4D own = primitives_of(scene, 0), additions = primitives_of(scene, 1);
+  const Gaussians4D again = members_of(set_, plan.stored_again);
+  const Gaussians4D again_until = members_until(set_, plan.displayed_again);
   const std::span<const float> importance = scene.importance;
-  const auto begin = static_cast<std::uint32_t>(this->frames());
+  const auto begin = static_cast<std::uint32_t>(frames());
+  const std::uint32_t stays = begin + kPersistentFrames;
   // The first part with primitives determines the chunk of the file.
-  FragmentPart parts[] = {{moving}, {persistent, {}, begin + kPersistentFrames}};
+  std::vector<FragmentPart> parts = {{own}, {additions, {}, is_last ? stays : 0}};
   if (!importance.empty()) {
-    parts[0].importance = importance.first(moving.size());
-    parts[1].importance = importance.subspan(moving.size());
+    parts[0].importance = importance.first(own.size());
+    parts[1].importance = importance.subspan(own.size());
   }
+  if (again.size() > 0) parts.push_back({again, {}, stays});
+  if (again_until.size() > 0) parts.push_back({again_until});
   if (scene.quantisation && settings_.pack.quality == 0) {
     for (FragmentPart& part : parts) part.quality = scene.quantisation->quality;
-    if (moving.size() > 0) parts[0].steps = &*scene.quantisation;
+    if (own.size() > 0) parts[0].steps = &*scene.quantisation;
   }
-  // Primitives are displayed in the frame of their end.
-  std::vector<PrimitiveEnd> ends = set.ends();
-  std::erase_if(ends, [](const PrimitiveEnd& end) { return end.primitive.record == 0; });
-  for (PrimitiveEnd& end : ends) end.frame += begin - 1;
+  std::vector<PrimitiveEnd> ends;
+  for (const MemberEnd& end : plan.ends) {
+    // Primitives are displayed in the frame of their end.
+    if (members[end.member].record != 0)
+      ends.push_back({members[end.member], end.frame + begin - 1});
+  }
   std::vector<std::vector<StoredPrimitive>> stored;
-  STGS_TRY(recorder_->append(parts, ends, begin + static_cast<std::uint32_t>(frames), &stored));
-  set.set_recorded(stored[1], recorder_->bytes());
+  STGS_TRY(
+      recorder_->append(parts, ends, begin + static_cast<std::uint32_t>(window.frames()), &stored));
+  for (std::size_t i = 0; i < plan.stored_again.size(); ++i)
+    members[plan.stored_again[i]] = stored[2][i];
+  if (is_last) added = std::move(stored[1]);
   return {};
 }
 
@@ -271,15 +294,16 @@ Status StreamEncoder::skip(int frames) {
   const int before = this->frames(), after = before + frames;
   STGS_TRY(recorder_->append(std::span<const FragmentPart>(), static_cast<std::uint32_t>(after)));
   set_ = set_.without_moving();
-  set_.set_recorded({}, recorder_->bytes());
-  if (settings_.resumable) STGS_TRY(set_.write(set_path(after)));
+  set_.set_recorded({set_.recorded().primitives, recorder_->bytes()});
+  if (settings_.resumable) STGS_TRY(set_.write(set_path_of(folder_, after)));
   std::error_code ignored;
-  fs::remove(set_path(before), ignored);
+  fs::remove(set_path_of(folder_, before), ignored);
   return {};
 }
 
 Status StreamEncoder::reopen() {
-  if (!bounds_) return usage_error("{}: no window has been encoded", recording_path());
+  if (!trainer_->has_bounds())
+    return usage_error("{}: no window has been encoded", recording_path());
   recorder_.reset();
   STGS_ASSIGN(recorder_, SceneRecorder::resume(recording_path(), record_settings()));
   return {};

@@ -5,40 +5,20 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <limits>
-#include <memory>
 #include <type_traits>
 
-#include "stgs/format/byte_source.h"
-#include "stgs/format/output_file.h"
+#include "archive.h"
+#include "train/quantisation_fields.h"
 
 namespace stgs::encoder {
 namespace {
 
-// The last byte is the layout version; the others never change.
-constexpr char kMagic[8] = {'S', 'T', 'G', 'S', 'C', 'K', 'P', '8'};
-constexpr std::size_t kLayout = sizeof(kMagic) - 1;
-
-class Writer {
- public:
-  template <typename T>
-  void value(const T& v) {
-    static_assert(std::is_trivially_copyable_v<T>);
-    const auto* p = reinterpret_cast<const std::uint8_t*>(&v);
-    bytes.insert(bytes.end(), p, p + sizeof(T));
-  }
-  template <typename Container>
-  void array(const Container& v) {
-    using T = typename Container::value_type;
-    static_assert(std::is_trivially_copyable_v<T>);
-    value(static_cast<std::uint64_t>(v.size()));
-    const auto* p = reinterpret_cast<const std::uint8_t*>(v.data());
-    bytes.insert(bytes.end(), p, p + v.size() * sizeof(T));
-  }
-
-  std::vector<std::uint8_t> bytes;
-};
+const ArchiveKind kCheckpoint = {
+    .magic = {'S', 'T', 'G', 'S', 'C', 'K', 'P', '8'},
+    .noun = "checkpoint",
+    .if_damaged = "resume from another one or train from the start",
+    .if_other = "resume with the version that wrote it, or train from the start without it"};
 
 class Hasher {
  public:
@@ -59,43 +39,6 @@ class Hasher {
   std::uint64_t hash_ = 0;
 };
 
-class Reader {
- public:
-  explicit Reader(std::span<const std::uint8_t> bytes) : left_(bytes) {}
-
-  template <typename T>
-  void value(T& v) {
-    take(&v, sizeof(T));
-  }
-  template <typename Container>
-  void array(Container& v) {
-    using T = typename Container::value_type;
-    std::uint64_t n = 0;
-    value(n);
-    if (n > left_.size() / sizeof(T)) {
-      failed_ = true;
-      return;
-    }
-    v.resize(n);
-    take(v.data(), n * sizeof(T));
-  }
-  bool ok() const { return !failed_; }
-  bool complete() const { return ok() && left_.empty(); }
-
- private:
-  void take(void* to, std::size_t n) {
-    if (failed_ || n > left_.size()) {
-      failed_ = true;
-      return;
-    }
-    if (n > 0) std::memcpy(to, left_.data(), n);
-    left_ = left_.subspan(n);
-  }
-
-  std::span<const std::uint8_t> left_;
-  bool failed_ = false;
-};
-
 // Visits the fields of the compaction in file order.
 template <typename Compaction, typename Archive>
 void visit_compaction(Compaction& compaction, Archive& archive) {
@@ -106,23 +49,11 @@ void visit_compaction(Compaction& compaction, Archive& archive) {
   Quantisation q = compaction.quantisation.value_or(Quantisation());
   std::uint32_t rounding = compaction.is_rounding() ? 1 : 0;
   archive.value(rounding);
-  archive.value(q.quality);
-  archive.value(q.max_error);
-  archive.value(q.longest_part);
-  archive.value(q.lifespans);
-  archive.value(q.opacity);
-  archive.value(q.middle);
-  archive.value(q.near_distance);
-  archive.value(q.near_displacement);
-  archive.array(q.bounds);
-  std::uint8_t graded = q.graded ? 1 : 0;  // reading any other byte into a bool is undefined
-  archive.value(graded);
-  archive.array(q.tiers);
+  visit_quantisation(q, archive);
   archive.value(compaction.rules);
   archive.array(compaction.importance);
   archive.array(compaction.tier);
   if constexpr (!std::is_const_v<Compaction>) {
-    q.graded = graded != 0;
     if (rounding != 0) compaction.quantisation = std::move(q);
   }
 }
@@ -177,7 +108,7 @@ struct RecordedArrays {
   }
 };
 
-void write_recorded(const RecordedSet& recorded, Writer& writer) {
+void write_recorded(const RecordedSet& recorded, ArchiveWriter& writer) {
   RecordedArrays arrays;
   arrays.bytes = recorded.bytes;
   for (const StoredPrimitive& primitive : recorded.primitives) {
@@ -188,7 +119,7 @@ void write_recorded(const RecordedSet& recorded, Writer& writer) {
 }
 
 // Returns whether the arrays match.
-bool read_recorded(Reader& reader, RecordedSet& recorded) {
+bool read_recorded(ArchiveReader& reader, RecordedSet& recorded) {
   RecordedArrays arrays;
   arrays.visit(reader);
   if (arrays.records.size() != arrays.indices.size()) return false;
@@ -275,15 +206,13 @@ bool is_consistent(const TrainState& state) {
 Status write_checkpoint(const std::string& path, const TrainState& state,
                         const Fingerprint& fingerprint, const RecordedSet& recorded,
                         const std::vector<std::vector<std::uint8_t>>& residuals) {
-  Writer writer;
-  writer.bytes.assign(kMagic, kMagic + sizeof(kMagic));
+  ArchiveWriter writer(kCheckpoint);
   writer.array(fingerprint_text(fingerprint));
   visit_state(state, writer);
   write_recorded(recorded, writer);
   writer.value(static_cast<std::uint32_t>(residuals.size()));
   for (const std::vector<std::uint8_t>& residual : residuals) writer.array(residual);
-  writer.value(static_cast<std::uint64_t>(XXH3_64bits(writer.bytes.data(), writer.bytes.size())));
-  return write_file_atomically(path, writer.bytes);
+  return writer.save(path);
 }
 
 Status check_state(const std::string& path, const TrainState& state, const PreparedCapture& capture,
@@ -307,30 +236,7 @@ std::uint64_t state_hash(const TrainState& state) {
 }
 
 Result<Checkpoint> read_checkpoint(const std::string& path) {
-  STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_file(path));
-  std::vector<std::uint8_t> bytes(source->size());
-  STGS_TRY(source->read(0, bytes));
-  constexpr std::size_t kHash = sizeof(std::uint64_t);
-  if (bytes.size() < sizeof(kMagic) + kHash || std::memcmp(bytes.data(), kMagic, kLayout) != 0) {
-    return invalid_file("{}: not an STGS checkpoint", path);
-  }
-  if (bytes[kLayout] != static_cast<std::uint8_t>(kMagic[kLayout])) {
-    return unsupported(
-        "{}: checkpoint of another version of stgs; resume with the version that wrote it, or "
-        "train "
-        "from the start without it",
-        path);
-  }
-  std::uint64_t stored = 0;
-  std::memcpy(&stored, bytes.data() + bytes.size() - kHash, kHash);
-  if (stored != XXH3_64bits(bytes.data(), bytes.size() - kHash)) {
-    return invalid_file(
-        "{}: damaged checkpoint (checksum mismatch); resume from another one or train from the "
-        "start",
-        path);
-  }
-  const std::span<const std::uint8_t> all(bytes);
-  Reader reader(all.subspan(sizeof(kMagic), bytes.size() - sizeof(kMagic) - kHash));
+  STGS_ASSIGN(ArchiveReader reader, ArchiveReader::open(path, kCheckpoint));
   std::string text;
   reader.array(text);
   Checkpoint checkpoint;

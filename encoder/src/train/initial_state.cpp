@@ -31,7 +31,7 @@ constexpr int kNeighbours = 3;
 constexpr float kFlatness = 0.2f;    // thickness of an initial disc relative to its radius
 constexpr float kBeginSigma = 0.5f;  // of static content that begins within a window, frames
 constexpr double kFarShare = 0.01;   // of the initial primitives: there is a far background
-// For everything that all windows of a capture share, independent of their seeds.
+// Of the static points and the background, which do not depend on the seed of the run.
 constexpr std::uint64_t kSharedSeed = 0;
 
 struct PointView {
@@ -101,7 +101,7 @@ Result<std::vector<InitialPoint>> load_points(const PreparedCapture& capture,
   std::vector<InitialPoint>& static_points = read.statics;
   std::vector<InitialPoint>& dynamic_points = read.dynamics;
   if (persistent != nullptr) static_points = persistent->changes.points;
-  if (capture.mask_background) STGS_TRY(keep_foreground(full_capture(capture), static_points));
+  if (capture.mask_background) STGS_TRY(keep_foreground(capture, static_points));
   if (!ablation.initialisation) {
     if (!read.is_moving) {
       return usage_error(
@@ -293,18 +293,16 @@ Result<TrainState> initial_state(const PreparedCapture& capture, const HyperPara
     STGS_ASSIGN(const TrainState fresh,
                 initial_points_state(capture, parameters, ablation, seed, &set));
     TrainState state = joined(stored, fresh);
-    for (const EndedPrimitive& ended : changes->ended) end_at(state, ended.index, ended.frame);
+    for (const EndedPrimitive& ended : changes->ended) end_at(state.set, ended.index, ended.frame);
     return state;
   }
   STGS_ASSIGN(TrainState state, initial_points_state(capture, parameters, ablation, seed));
   if (parameters.seen_background != 0 && !capture.mask_background) {
-    // For the complete capture and with the shared seed, so that all windows have the same.
-    const PreparedCapture complete = full_capture(capture);
     STGS_ASSIGN(TrainState initial,
-                initial_points_state(complete, parameters, ablation, kSharedSeed));
-    const bool has_far = remove_far(vicinity_of(complete), initial);
+                initial_points_state(capture, parameters, ablation, kSharedSeed));
+    const bool has_far = remove_far(vicinity_of(capture), initial);
     STGS_ASSIGN(state.background,
-                scene_background(complete, initial.set, parameters.kernel, has_far));
+                scene_background(capture, initial.set, parameters.kernel, has_far));
   }
   return state;
 }

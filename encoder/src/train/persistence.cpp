@@ -181,10 +181,10 @@ void persist(TrainState& state, std::size_t i, int first, int frames) {
   state.log_sigma[i] = std::log(kEndSigma);
 }
 
-void end_at(TrainState& state, std::size_t i, int frame) {
+void end_at(Gaussians4D& set, std::size_t i, int frame) {
   // From before the first frame, because cameras may be late, to the frame before.
-  state.set.time[i] = 0.5f * static_cast<float>(frame - 1 - kEndMargin);
-  state.set.radius[i] = 0.5f * static_cast<float>(frame - 1 + kEndMargin);
+  set.time[i] = 0.5f * static_cast<float>(frame - 1 - kEndMargin);
+  set.radius[i] = 0.5f * static_cast<float>(frame - 1 + kEndMargin);
 }
 
 }  // namespace stgs::encoder

@@ -64,6 +64,6 @@ void carry(TrainState& state, std::size_t i, int frames);
 void persist(TrainState& state, std::size_t i, int first, int frames);
 
 // Ends the lifespan of a persistent primitive before a frame of the window.
-void end_at(TrainState& state, std::size_t i, int frame);
+void end_at(Gaussians4D& set, std::size_t i, int frame);
 
 }  // namespace stgs::encoder

@@ -21,9 +21,10 @@ Result<PersistentSet> PersistentSet::read(const std::string& path) {
     return invalid_file("{}: this is a checkpoint of 'stgs train' (expected a persistent set)",
                         path);
   }
-  if (file.recorded.primitives.size() != file.state.count_fixed())
-    return invalid_file("{}: damaged (expected {} stored primitives, got {})", path,
-                        file.state.count_fixed(), file.recorded.primitives.size());
+  const std::size_t stored = file.recorded.primitives.size(), members = file.state.count_fixed();
+  if (stored != members && stored != 0)
+    return invalid_file("{}: damaged (expected {} stored primitives, got {})", path, members,
+                        stored);
   return PersistentSet(std::make_shared<const TrainState>(std::move(file.state)), false,
                        std::move(file.recorded), std::move(file.residuals));
 }

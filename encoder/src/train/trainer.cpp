@@ -62,7 +62,8 @@ Result<std::unique_ptr<Trainer>> Trainer::create(const PreparedCapture& capture,
   if (window.backend != nullptr) trainer->backend_ = std::exchange(*window.backend, nullptr);
   trainer->is_backend_reused_ = trainer->backend_ != nullptr;
   if (!trainer->backend_) {
-    STGS_ASSIGN(trainer->backend_, make_backend(settings.backend, log, settings.ranks));
+    STGS_ASSIGN(trainer->backend_,
+                make_backend(settings.backend, settings.share.index, log, settings.ranks));
   }
   STGS_ASSIGN(trainer->perceptual_, PerceptualTerm::create(settings, choice.parameters,
                                                            *trainer->backend_, trainer->log_));
@@ -138,14 +139,16 @@ Status Trainer::prepare_backend() {
   if (reserved.ok() || !is_backend_reused_) return reserved;
   // With the memory of the previous window, there may be too little for a larger one.
   backend_.reset();
-  STGS_ASSIGN(backend_, make_backend(settings_.backend, log_, settings_.ranks));
+  STGS_ASSIGN(backend_,
+              make_backend(settings_.backend, settings_.share.index, log_, settings_.ranks));
   return backend_->reserve(plan);
 }
 
 // Called last, because it takes longest.
 Status Trainer::load_frames() {
-  STGS_ASSIGN(images_, TrainingImages::load(capture_, settings_.frame_memory, ranks_.node_size(),
-                                            progress_));
+  const int processes = std::max(ranks_.node_size(), settings_.share.processes);
+  STGS_ASSIGN(images_,
+              TrainingImages::load(capture_, settings_.frame_memory, processes, progress_));
   order_ = ViewOrder(settings_.seed, images_.views());
   use_cameras();
   const FrameStatistics frames = images_.statistics();

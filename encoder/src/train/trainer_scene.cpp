@@ -68,21 +68,17 @@ void Trainer::find_persistent(PersistentSet& set) {
   std::vector<std::uint32_t> carried;
   if (set.carries_moving()) carried = list_carried(state_, capture_.frames, persistent);
   std::vector<std::uint32_t> found, fixed;
-  RecordedSet recorded;
-  std::vector<PrimitiveEnd> ends;
+  std::vector<MemberEnd> ends;
   for (const std::uint32_t i : persistent) {
     if (!state_.is_fixed(i)) {
       found.push_back(i);
       continue;
     }
     const std::size_t k = fixed.size() + ends.size();
-    const auto& known = set.recorded().primitives;
-    const StoredPrimitive location = k < known.size() ? known[k] : StoredPrimitive();
     if (ends_[k] >= 0) {
-      ends.push_back({location, static_cast<std::uint32_t>(ends_[k])});
+      ends.push_back({static_cast<std::uint32_t>(k), static_cast<std::uint32_t>(ends_[k])});
     } else {
       fixed.push_back(i);
-      recorded.primitives.push_back(location);
     }
   }
   parallel_for(std::size_t{0}, found.size(),
@@ -100,10 +96,9 @@ void Trainer::find_persistent(PersistentSet& set) {
                       "from {} further static and {} moving ones",
                       fixed.size(), stored_.size(), ends.size(), found.size() - stored_.size(),
                       carried.size()));
-  set =
-      PersistentSet(std::make_shared<const TrainState>(
-                        persistent_state(state_, persistent, carried, stored_, capture_.frames)),
-                    set.carries_moving(), std::move(recorded), changes_.residuals, std::move(ends));
+  set = PersistentSet(std::make_shared<const TrainState>(
+                          persistent_state(state_, persistent, carried, stored_, capture_.frames)),
+                      set.carries_moving(), {}, changes_.residuals, std::move(ends));
 }
 
 Result<Scene> Trainer::result(PersistentSet* persistent) {
@@ -127,10 +122,6 @@ Result<Scene> Trainer::scene() {
   metadata.time_base = capture_.time_base;
   metadata.frames = static_cast<std::uint32_t>(capture_.frames);
   metadata.metres_per_unit = capture_.metric ? 1.0f : 0.0f;
-  metadata.window = capture_.window;
-  if (metadata.window) {
-    metadata.window->training = settings_id_of(settings_, {parameters_, ablation_}, perceptual_);
-  }
   metadata.near_plane = capture_.near_plane;
   metadata.kernel = static_cast<std::uint8_t>(parameters_.kernel);
   std::copy_n(&state_.background.x, 3, metadata.background);

@@ -219,8 +219,13 @@ HyperParameters growth_parameters(const HyperParameters& parameters, const Train
   return out;
 }
 
-std::uint64_t settings_id_of(const TrainSettings& settings, const TrainingChoice& choice,
-                             const PerceptualTerm& perceptual) {
+Result<std::uint64_t> settings_id(const TrainSettings& settings) {
+  STGS_ASSIGN(const TrainingChoice choice, choose_training(settings));
+  STGS_ASSIGN(const std::unique_ptr<TrainBackend> backend,
+              make_backend(settings.backend, settings.share.index));
+  const auto silent = [](int, const std::string&) {};
+  STGS_ASSIGN(const PerceptualTerm perceptual,
+              PerceptualTerm::create(settings, choice.parameters, *backend, silent));
   Fingerprint entries = list_hyper_parameters(choice.parameters);
   entries.emplace_back("method", settings.method);
   entries.emplace_back("ablate", fmt::format("{}", fmt::join(choice.ablation.names(), ",")));
@@ -234,15 +239,6 @@ std::uint64_t settings_id_of(const TrainSettings& settings, const TrainingChoice
   entries.emplace_back("perceptual weights", perceptual.fingerprint());
   const std::string text = fingerprint_text(entries);
   return XXH3_64bits(text.data(), text.size());
-}
-
-Result<std::uint64_t> settings_id(const TrainSettings& settings) {
-  STGS_ASSIGN(const TrainingChoice choice, choose_training(settings));
-  STGS_ASSIGN(const std::unique_ptr<TrainBackend> backend, make_backend(settings.backend));
-  const auto silent = [](int, const std::string&) {};
-  STGS_ASSIGN(const PerceptualTerm perceptual,
-              PerceptualTerm::create(settings, choice.parameters, *backend, silent));
-  return settings_id_of(settings, choice, perceptual);
 }
 
 TrainPlan train_plan(const TrainingChoice& choice, const PerceptualTerm& perceptual,
@@ -265,7 +261,8 @@ TrainPlan train_plan(const TrainingChoice& choice, const PerceptualTerm& percept
 
 Status check_training(const TrainSettings& settings, const PreparedCapture* capture) {
   STGS_ASSIGN(TrainingChoice choice, choose_training(settings));
-  STGS_ASSIGN(const std::unique_ptr<TrainBackend> backend, make_backend(settings.backend));
+  STGS_ASSIGN(const std::unique_ptr<TrainBackend> backend,
+              make_backend(settings.backend, settings.share.index));
   const auto silent = [](int, const std::string&) {};
   STGS_ASSIGN(const PerceptualTerm perceptual,
               PerceptualTerm::create(settings, choice.parameters, *backend, silent));

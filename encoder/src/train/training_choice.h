@@ -26,10 +26,6 @@ Result<TrainingChoice> choose_training(const TrainSettings& settings);
 HyperParameters growth_parameters(const HyperParameters& parameters, const TrainSettings& settings,
                                   const PreparedCapture& capture);
 
-// Returns settings_id() of a run with resolved settings.
-std::uint64_t settings_id_of(const TrainSettings& settings, const TrainingChoice& choice,
-                             const PerceptualTerm& perceptual);
-
 // Returns the requirements of a run on its backend. Ignores held-out cameras. `cameras` may be
 // empty if they are not known yet.
 TrainPlan train_plan(const TrainingChoice& choice, const PerceptualTerm& perceptual,

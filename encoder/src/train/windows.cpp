@@ -47,21 +47,6 @@ bool has_same_pose(const Camera& camera, const StartCamera& start, double extent
 
 }  // namespace
 
-Result<std::vector<FrameSpan>> plan_windows(int frames, int length, int overlap) {
-  if (frames < 1 || length < 1 || overlap < 0 || overlap >= length) {
-    return usage_error(
-        "windows of {} frames with an overlap of {}: invalid sizes (expected 0 <= overlap < "
-        "window)",
-        length, overlap);
-  }
-  std::vector<FrameSpan> spans = {{0, std::min(length, frames)}};
-  while (spans.back().end < frames) {
-    const int end = std::min(spans.back().end - overlap + length, frames);
-    spans.push_back({end - length, end});
-  }
-  return spans;
-}
-
 Result<PreparedCapture> extract_window(const PreparedCapture& capture, const FrameSpan& span) {
   if (span.begin < 0 || span.begin >= span.end || span.end > capture.frames) {
     return usage_error("{}: frames {}:{} are out of range (expected 0:{})", capture.folder,
@@ -73,15 +58,6 @@ Result<PreparedCapture> extract_window(const PreparedCapture& capture, const Fra
   window.first_frame += span.begin;
   window.frames = span.size();
   return window;
-}
-
-PreparedCapture full_capture(const PreparedCapture& window) {
-  PreparedCapture complete = window;
-  if (!window.window) return complete;
-  complete.first_frame -= window.frame_offset();
-  complete.frames = static_cast<int>(window.window->capture_frames);
-  complete.window.reset();
-  return complete;
 }
 
 Result<PreparedCapture> capture_for_scene(const PreparedCapture& capture,

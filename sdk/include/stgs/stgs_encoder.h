@@ -4,7 +4,7 @@
  *   stgs_encoder_create(NULL, &encoder);
  *   stgs_encoder_prepare(encoder, "capture", "prepared", NULL, NULL);
  *   stgs_encoder_train(encoder, "prepared", "trained.stgs", NULL, NULL);
- *   stgs_encoder_pack(encoder, &trained, 1, "scene.stgs", NULL, &report);
+ *   stgs_encoder_pack(encoder, "trained.stgs", "scene.stgs", NULL, &report);
  *   stgs_encoder_destroy(encoder);
  *
  * This header includes two others: stgs_encoder_live.h encodes a rig while it films;
@@ -202,8 +202,6 @@ typedef struct stgs_train_settings {
   uint32_t max_primitives; /* up to 2 * 10^8; 0 (default): from the preset */
   double max_seconds;     /* fits the schedule to this duration, 1 to 10^8; 0 (default): no limit */
   uint64_t seed;          /* of random choices; default 1 */
-  int32_t first_frame;    /* range [first, end) of the prepared capture: a window, to be merged */
-  int32_t end_frame;      /* with others by stgs_encoder_pack; default 0, -1: all frames */
   const char* checkpoint; /* file to write periodically, when cancelled and at the end; NULL
                            * (default): none. A failed write is an error of a cancelled run,
                            * otherwise a warning */
@@ -347,14 +345,12 @@ typedef struct stgs_pack_report {
   double held_out_after;  /* PSNR of the output on the same cameras, dB; 0: none */
 } stgs_pack_report;
 
-/* Packs a scene, or the windows of a capture in any order, into the file `output`, then decodes it
- * to measure the loss.
+/* Packs a scene into the file `output`, then decodes it to measure the loss.
  *
- * `output` must differ from every input. NULL settings: the defaults. NULL report: not returned.
+ * `output` must differ from `scene`. NULL settings: the defaults. NULL report: not returned.
  * STGS_ERROR_ARGUMENT: no file is within the limit; STGS_ERROR_UNSUPPORTED: positions cannot be
  * coded within max_error. */
-STGS_API stgs_result stgs_encoder_pack(stgs_encoder* encoder, const char* const* scenes,
-                                       uint32_t count, const char* output,
+STGS_API stgs_result stgs_encoder_pack(stgs_encoder* encoder, const char* scene, const char* output,
                                        const stgs_pack_settings* settings,
                                        stgs_pack_report* report);
 

@@ -86,15 +86,11 @@ class Encoder {
   void check_training(const stgs_train_settings& settings = train_settings()) {
     check(stgs_encoder_check_training(get(), &settings), get());
   }
-  /// Packs a scene, or the windows of a capture, and measures the loss.
-  stgs_pack_report pack(const std::vector<std::string>& scenes, const std::string& output,
+  /// Packs a scene and measures the loss.
+  stgs_pack_report pack(const std::string& scene, const std::string& output,
                         const stgs_pack_settings& settings = pack_settings()) {
-    std::vector<const char*> paths;
-    for (const std::string& scene : scenes) paths.push_back(scene.c_str());
     auto report = detail::sized<stgs_pack_report>();
-    check(stgs_encoder_pack(get(), paths.data(), static_cast<std::uint32_t>(paths.size()),
-                            output.c_str(), &settings, &report),
-          get());
+    check(stgs_encoder_pack(get(), scene.c_str(), output.c_str(), &settings, &report), get());
     return report;
   }
   /// Cancels the running call and all later ones. May be called on any thread.

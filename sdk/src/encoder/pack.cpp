@@ -53,27 +53,13 @@ encoder::PackSettings packing_of(const stgs_pack_settings& s) {
   return settings;
 }
 
-Outcome copy_in_scenes(const char* const* scenes, std::uint32_t count,
-                       std::vector<std::string>& out) {
-  if (scenes == nullptr || count == 0) {
-    return {STGS_ERROR_ARGUMENT, "scenes is NULL or count is 0 (expected at least one scene)"};
-  }
-  for (std::uint32_t i = 0; i < count; ++i) {
-    STGS_SDK_TRY(check_path(fmt::format("scenes[{}]", i).c_str(), scenes[i]));
-    out.emplace_back(scenes[i]);
-  }
-  return {};
-}
-
-Status pack(const std::vector<std::string>& scenes, const char* output, const stgs_pack_settings& s,
+Status pack(const char* scene, const char* output, const stgs_pack_settings& s,
             const encoder::ProgressSink& progress, const encoder::LogSink& log,
             encoder::PackReport& report) {
-  for (const std::string& scene : scenes) {
-    STGS_TRY(check_distinct({{"scenes", scene}, {"output", output}}));
-  }
+  STGS_TRY(check_distinct({{"scene", scene}, {"output", output}}));
   OutputLock lock;
   STGS_TRY(prepare_output(output, lock, log));
-  return encoder::pack(scenes, output, packing_of(s), &report, progress, log);
+  return encoder::pack(scene, output, packing_of(s), &report, progress, log);
 }
 
 void to_c(const encoder::PackReport& from, stgs_pack_report* to) {
@@ -112,13 +98,11 @@ stgs_result stgs_pack_settings_defaults(stgs_pack_settings* settings, size_t str
   return stgs::sdk::fill_defaults(settings, struct_size, stgs::sdk::default_pack_settings());
 }
 
-stgs_result stgs_encoder_pack(stgs_encoder* encoder, const char* const* scenes, uint32_t count,
-                              const char* output, const stgs_pack_settings* settings,
-                              stgs_pack_report* report) {
+stgs_result stgs_encoder_pack(stgs_encoder* encoder, const char* scene, const char* output,
+                              const stgs_pack_settings* settings, stgs_pack_report* report) {
   using namespace stgs::sdk;
   return guarded(encoder, [&]() -> Outcome {
-    std::vector<std::string> known_scenes;
-    STGS_SDK_TRY(copy_in_scenes(scenes, count, known_scenes));
+    STGS_SDK_TRY(check_path("scene", scene));
     STGS_SDK_TRY(check_path("output", output));
     STGS_SDK_TRY(check_report(report));
     stgs_pack_settings known = default_pack_settings();
@@ -126,7 +110,7 @@ stgs_result stgs_encoder_pack(stgs_encoder* encoder, const char* const* scenes, 
     STGS_SDK_TRY(check(known));
     stgs::encoder::PackReport packed;
     STGS_SDK_TRY(run_work(*encoder, [&](const auto& progress, const auto& log) {
-      return pack(known_scenes, output, known, progress, log, packed);
+      return pack(scene, output, known, progress, log, packed);
     }));
     if (report != nullptr) to_c(packed, report);
     return {};

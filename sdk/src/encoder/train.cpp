@@ -5,7 +5,6 @@
 #include <filesystem>
 
 #include "encoder/encoder.h"
-#include "stgs/encoder/windows.h"
 #include "stgs/format/output_path.h"
 #include "stgs/format/temporary.h"
 
@@ -18,7 +17,6 @@ stgs_train_settings default_train_settings() {
   settings.struct_size = sizeof(settings);
   copy_parameters<encoder::TrainParameters>(defaults, settings);
   settings.seed = defaults.seed;
-  settings.end_frame = -1;
   return settings;
 }
 
@@ -26,7 +24,6 @@ Outcome check(const stgs_train_settings& s) {
   STGS_SDK_TRY(check_preset(s.preset));
   STGS_SDK_TRY(check_backend(s.backend));
   STGS_SDK_TRY(check_ranges<encoder::TrainParameters>(s));
-  STGS_SDK_TRY(check_frames(s.first_frame, s.end_frame));
   STGS_SDK_TRY(check_flag("allow_outside", s.allow_outside));
   STGS_SDK_TRY(check_flag("refine_cameras", s.refine_cameras));
   STGS_SDK_TRY(check_flag("refine_timing", s.refine_timing));
@@ -68,21 +65,14 @@ Status claim_paths(const std::string& scene, const encoder::TrainSettings& setti
   return {};
 }
 
-Result<encoder::PreparedCapture> capture_of(const char* prepared, const stgs_train_settings& s) {
-  STGS_ASSIGN(encoder::PreparedCapture capture,
-              encoder::read_prepared_capture(prepared, s.allow_outside != 0));
-  if (s.first_frame == 0 && s.end_frame == -1) return capture;
-  return encoder::extract_window(capture,
-                                 {s.first_frame, s.end_frame == -1 ? capture.frames : s.end_frame});
-}
-
 Status train(const char* prepared, const std::string& scene, const stgs_train_settings& s,
              const encoder::ProgressSink& progress, const encoder::LogSink& log,
              encoder::TrainReport& report) {
   const encoder::TrainSettings settings = training_of(s);
   std::deque<OutputLock> locks;
   STGS_TRY(claim_paths(scene, settings, locks, log));
-  STGS_ASSIGN(const encoder::PreparedCapture capture, capture_of(prepared, s));
+  STGS_ASSIGN(const encoder::PreparedCapture capture,
+              encoder::read_prepared_capture(prepared, s.allow_outside != 0));
   STGS_ASSIGN(const Scene trained, encoder::train(capture, settings, progress, log, &report));
   WriteSettings writing;
   writing.profile = Profile::kLossless;

@@ -104,25 +104,17 @@ struct PackParameters {
 // neither. Returns kUsage or kNotBuilt if pack() would reject them.
 Status check_packing(const PackSettings& settings);
 
-// A merged window: the frames at which its primitives are rendered.
-struct PackedPart {
-  std::string input;
-  double begin_ticks = 0, end_ticks = 0;
-  std::uint64_t primitives = 0;  // written
-};
-
 struct PackReport {
   Profile input_profile = Profile::kLossless;
   std::uint64_t primitives = 0;  // written
   std::uint64_t dropped = 0;     // never visible within the clip
-  // Segments of damaged inputs: left out, and packed without their SH coefficients.
+  // Segments of a damaged input: left out, and packed without their SH coefficients.
   std::uint64_t damaged_segments = 0, damaged_sh_segments = 0;
   std::uint64_t bytes_in = 0, bytes_out = 0;
   double bytes_per_primitive = 0;
-  double quality = 0;             // used or found for a limit; 0: near-lossless
-  std::uint64_t left_out = 0;     // for the limit: primitives of least importance
-  double kbps = 0;                // mean bit rate
-  std::vector<PackedPart> parts;  // in time order; empty for a single scene
+  double quality = 0;          // used or found for a limit; 0: near-lossless
+  std::uint64_t left_out = 0;  // for the limit: primitives of least importance
+  double kbps = 0;             // mean bit rate
   // Largest and root-mean-square errors of the written file, measured by decoding it.
   double position_max = 0, position_rms = 0;  // scene units, at the time of the largest error
   double colour_rms = 0;                      // of the degree-0 colour, sRGB-encoded, 0..1
@@ -137,15 +129,14 @@ struct PackReport {
   std::optional<HeldOutScore> held_out_before, held_out_after;
 };
 
-// Reads one scene, or merges the windows of a capture (windows.h), writes it packed (atomically),
-// decodes the result and reports its errors.
+// Reads a scene, writes it packed (atomically), decodes the result and reports its errors.
 // - `report`, `progress` and `log` may be null. The progress stage is "pack".
 // - kRuntime if `progress` cancels; nothing is written then.
 // - kUsage if a setting is out of range or no file is within the limit; kUnsupported if
 // positions cannot meet max_error.
 // - Warns about an input that is already quantised: its errors remain and new ones are added.
 // - Packs the intact part of a damaged input, with a warning (damage_report.h).
-Status pack(const std::vector<std::string>& scene_paths, const std::string& output_path,
+Status pack(const std::string& scene_path, const std::string& output_path,
             const PackSettings& settings, PackReport* report, const ProgressSink& progress = {},
             const LogSink& log = {});
 

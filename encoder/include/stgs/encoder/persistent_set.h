@@ -6,7 +6,6 @@
 
 #include <cstdint>
 #include <memory>
-#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -17,6 +16,13 @@
 namespace stgs::encoder {
 
 struct TrainState;
+
+// A member of a persistent set that a window ends: its index among the stored primitives, and the
+// frame of the window from which on it is not displayed.
+struct MemberEnd {
+  std::uint32_t member = 0, frame = 0;
+  bool operator==(const MemberEnd&) const = default;
+};
 
 // The part of a persistent set that a recording holds.
 struct RecordedSet {
@@ -33,12 +39,12 @@ class PersistentSet {
   // content at the end of the previous one. It helps if few frames of a window have dynamic points;
   // otherwise these are better.
   explicit PersistentSet(bool carries_moving = false) : carries_moving_(carries_moving) {}
-  // `state`: see persistent_state() (train/persistence.h). `recorded` lacks the last of its stored
-  // primitives, which the latest window added. `residuals`: see below. `ends`: those that this
-  // window has ended, with the frame of the window from which on they are not displayed.
+  // `state`: see persistent_state() (train/persistence.h). `residuals`: see below. `ends`: the
+  // members of the set before that this window has ended. The others, in their order, and then
+  // those that the window added are the members of this set.
   PersistentSet(std::shared_ptr<const TrainState> state, bool carries_moving,
                 RecordedSet recorded = {}, std::vector<std::vector<std::uint8_t>> residuals = {},
-                std::vector<PrimitiveEnd> ends = {})
+                std::vector<MemberEnd> ends = {})
       : state_(std::move(state)),
         carries_moving_(carries_moving),
         recorded_(std::move(recorded)),
@@ -54,15 +60,12 @@ class PersistentSet {
   // Returns null before the first window.
   const TrainState* state() const { return state_.get(); }
   bool carries_moving() const { return carries_moving_; }
-  // See the constructor.
+  // Returns where the members are stored; nothing before the window has been recorded.
   const RecordedSet& recorded() const { return recorded_; }
-  const std::vector<PrimitiveEnd>& ends() const { return ends_; }
-  // Completes recorded() once the latest window has been recorded: `added` are the primitives that
-  // it added, `bytes` is the length of the recording.
-  void set_recorded(std::span<const StoredPrimitive> added, std::uint64_t bytes) {
-    recorded_.primitives.insert(recorded_.primitives.end(), added.begin(), added.end());
-    recorded_.bytes = bytes;
-  }
+  void set_recorded(RecordedSet recorded) { recorded_ = std::move(recorded); }
+  // See the constructor; empty for a set that was read.
+  const std::vector<MemberEnd>& ends() const { return ends_; }
+  void set_ends(std::vector<MemberEnd> ends) { ends_ = std::move(ends); }
   // Returns by how much renderings of the set usually differ from images, per training camera
   // (Residual of train/changed_points.h); empty before the second window.
   const std::vector<std::vector<std::uint8_t>>& residuals() const { return residuals_; }
@@ -76,7 +79,7 @@ class PersistentSet {
   bool carries_moving_ = false;
   RecordedSet recorded_;
   std::vector<std::vector<std::uint8_t>> residuals_;
-  std::vector<PrimitiveEnd> ends_;
+  std::vector<MemberEnd> ends_;
 };
 
 }  // namespace stgs::encoder

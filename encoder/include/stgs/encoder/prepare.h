@@ -11,6 +11,7 @@
 
 #include "stgs/encoder/prepared_capture.h"
 #include "stgs/encoder/progress.h"
+#include "stgs/encoder/ranks.h"
 #include "stgs/format/parameter.h"
 #include "stgs/format/status.h"
 
@@ -47,7 +48,8 @@ struct PrepareSettings {
   int max_static_points = 0;
   std::uint64_t seed = 1;
   std::string backend = "auto";  // of multi-view stereo and dynamic points: auto, cpu or cuda
-  bool overwrite = false;        // replace an existing prepared capture at the target
+  MachineShare share;
+  bool overwrite = false;  // replace an existing prepared capture at the target
   // Allow the capture to name files outside its folder, directly or by links: it is trusted.
   bool allow_outside = false;
   // A calibration that a known mistake explains is a warning instead of an error.
@@ -78,6 +80,15 @@ struct FrameSpan {
   bool operator==(const FrameSpan&) const = default;
 };
 
+// Captures with more frames are encoded in windows by default.
+inline constexpr int kMaxFramesAtOnce = 300;
+// WindowPreparer::open() chooses the windows.
+inline constexpr int kDefaultWindow = -1;
+
+// Returns the default length of the windows of a capture: 2 seconds, but 8 to 300 frames; 0, which
+// is all frames at once, if it has at most kMaxFramesAtOnce.
+int default_window(int frames, const TimeBase& time_base);
+
 // Cuts [0, frames) into windows of `length` frames. The last one is up to half as long again, or
 // shorter, but not by more than half. length 0: one window.
 std::vector<FrameSpan> cut_into_windows(int frames, int length);
@@ -87,7 +98,8 @@ std::vector<FrameSpan> cut_into_windows(int frames, int length);
 class WindowPreparer {
  public:
   // Reads the description of the capture, and calls settings.accept with all its frames. `capture`
-  // and `settings` as in prepare(). `window`: frames of a window; 0: the complete capture is one.
+  // and `settings` as in prepare(). `window`: frames of a window; 0: the complete capture is one;
+  // kDefaultWindow: default_window().
   static Result<std::unique_ptr<WindowPreparer>> open(const std::string& capture,
                                                       const PrepareSettings& settings, int window,
                                                       const ProgressSink& progress,
@@ -98,12 +110,17 @@ class WindowPreparer {
   virtual Result<std::string> identity() const = 0;
   // Returns the windows, in frames of the capture.
   virtual const std::vector<FrameSpan>& windows() const = 0;
+  // Keeps the analysis of the first window in a file, from which another object can prepare the
+  // later windows: prepare() writes it after the first window, and reads it for a later one. ""
+  // (the default): in memory alone.
+  virtual void keep_analysis(const std::string& path) = 0;
   // Prepares window `index` into `folder`, which appears complete or not at all, and returns the
   // window. Its frames are also in memory if they take at most a third of what is available; with
   // `files` false they are then in memory alone. There is no report without `files`. A window after
-  // the first has the static points and the bounds of the first, which is analysed again if this
-  // object has not prepared it. Prepare windows in ascending order: for others, videos are decoded
-  // from the beginning.
+  // the first has the static points and the bounds of the first, which is analysed again if neither
+  // this object has prepared it nor the file exists. A file of another capture or with
+  // other settings is kUsage, a damaged one kInvalidFile. Prepare windows in ascending order: for
+  // others, videos are decoded from the beginning.
   virtual Result<PreparedCapture> prepare(std::size_t index, const std::string& folder, bool files,
                                           const ProgressSink& progress, const LogSink& log) = 0;
 };

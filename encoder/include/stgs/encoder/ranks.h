@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Processes that train one scene together, each on other views. They have the ranks 0 to size - 1
-// and are started by mpirun or by srun --mpi=pmix. All ranks make the same calls in the same order,
-// each from one thread.
+// Processes that train one scene together, each on other views, or windows of a long capture. They
+// have the ranks 0 to size - 1 and are started by mpirun or by srun --mpi=pmix. All ranks make the
+// same calls in the same order, each from one thread.
 #pragma once
 
 #include <cstddef>
@@ -31,6 +31,12 @@ class Ranks {
   virtual Status all_gather(const void* own, std::size_t bytes, void* all) = 0;
   // Returns the error of another rank that has failed. Poll it while waiting for anything else.
   virtual Status check_peers() = 0;
+};
+
+// The part of this machine that a process uses if several processes of one run share it.
+struct MachineShare {
+  int index = 0;      // of the process among them; it uses this GPU, modulo the number of GPUs
+  int processes = 1;  // their number; each uses this fraction of the available memory
 };
 
 // How this process was started, according to the environment.

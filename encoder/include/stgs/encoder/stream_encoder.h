@@ -10,14 +10,15 @@
 
 #include <cstdint>
 #include <memory>
-#include <optional>
 #include <string>
+#include <vector>
 
 #include "stgs/encoder/pack.h"
 #include "stgs/encoder/persistent_set.h"
 #include "stgs/encoder/prepared_capture.h"
 #include "stgs/encoder/progress.h"
 #include "stgs/encoder/train.h"
+#include "stgs/encoder/trained_window.h"
 #include "stgs/format/scene_recorder.h"
 #include "stgs/format/status.h"
 
@@ -56,10 +57,13 @@ struct StreamWindow {
   int first_frame = 0, frames = 0;
   TrainReport training;
   std::uint64_t primitives = 0;  // added to the file
-  std::uint64_t persistent = 0;  // in the persistent set
-  std::uint64_t ended = 0;       // no longer in it, because the images do not show them any more
+  std::uint64_t persistent = 0;  // in the persistent set, after the round of the window
+  std::uint64_t ended = 0;       // that its images do not show any more
   std::uint64_t bytes = 0;       // added to the file
 };
+
+class WindowTrainer;
+struct WindowPlan;
 
 // One thread at a time.
 class StreamEncoder {
@@ -70,6 +74,7 @@ class StreamEncoder {
   // method without static primitives or the near-lossless profile.
   static Result<std::unique_ptr<StreamEncoder>> open(const std::string& folder,
                                                      const StreamSettings& settings);
+  ~StreamEncoder();
 
   // Returns the number of encoded frames: the next window begins there.
   int frames() const;
@@ -80,6 +85,18 @@ class StreamEncoder {
   // cancellation the recording ends with the previous window; after kIo it must be reopened.
   Result<StreamWindow> encode(const PreparedCapture& window, const ProgressSink& progress,
                               const LogSink& log, const WindowWork& work = {});
+
+  // Several processes train the windows of a round, against the same set: the window that follows
+  // here, later ones with a StreamWorker. Then append() records all of them.
+
+  // Trains the frames that follow, as encode(), without recording them.
+  Result<TrainedWindow> train_window(const PreparedCapture& window, const ProgressSink& progress,
+                                     const LogSink& log, const WindowWork& work = {});
+  // Records the windows of a round, at least one, in order. Each is displayed as it was trained.
+  // The set of the last one becomes the persistent set. After an error in a round of several
+  // windows, open() the folder again, which continues before the round.
+  Result<std::vector<StreamWindow>> append(std::vector<TrainedWindow> round);
+
   // Extends the recording by frames with persistent content alone, for which there are no images.
   // kUsage before the first window; otherwise as encode().
   Status skip(int frames);
@@ -96,35 +113,26 @@ class StreamEncoder {
   void remove_files();
 
  private:
-  StreamEncoder(std::string folder, StreamSettings settings)
-      : folder_(std::move(folder)), settings_(std::move(settings)) {}
+  StreamEncoder(std::string folder, StreamSettings settings);
 
-  // The bounds of the first window, which all windows are trained with.
-  struct Bounds {
-    float near_plane = 0, extent = 0;
-    double radius = 0;
-    double centre[3] = {0, 0, 0};
-  };
-
-  Result<StreamWindow> encode_window(PreparedCapture window, const ProgressSink& progress,
-                                     const LogSink& log, const WindowWork& work);
-  void take_bounds(const PreparedCapture& first);
   std::string recording_path() const {
     return settings_.recording.empty() ? folder_ + "/recording.stgs" : settings_.recording;
   }
-  std::string set_path(int frames) const;
   RecordSettings record_settings() const;
   Status resume(const std::string& newest_set);
   Status create_recording(const Scene& scene);
-  // Appends a trained window, of which `set` is the result.
-  Status append(const Scene& scene, int frames, PersistentSet& set);
+  Result<std::vector<StreamWindow>> append_round(std::vector<TrainedWindow> round);
+  // kInvalidFile if the set lacks a member that a window ends.
+  Status check_ends(const std::vector<std::vector<MemberEnd>>& ends) const;
+  // Appends a window. `members`: where those of the set are stored. `added`: of the last window,
+  // where its additions are.
+  Status record(const TrainedWindow& window, const WindowPlan& plan, bool is_last,
+                std::vector<StoredPrimitive>& members, std::vector<StoredPrimitive>& added);
 
   std::string folder_;
   StreamSettings settings_;
-  int later_iterations_ = 0;
+  std::unique_ptr<WindowTrainer> trainer_;
   PersistentSet set_;
-  std::shared_ptr<TrainBackend> backend_;    // null before the first window, and after an error
-  std::optional<Bounds> bounds_;             // none before the first window
   std::unique_ptr<SceneRecorder> recorder_;  // null before the first window
 };
 

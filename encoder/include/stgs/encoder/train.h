@@ -64,6 +64,8 @@ struct TrainSettings {
   bool refine_timing = false;
   // Train only the content inside the masks of the capture, with its alpha, on a black background.
   bool foreground = false;
+  // Of a process that trains alone; ranks know theirs.
+  MachineShare share;
   // Not owned; null: this process trains alone. Otherwise all ranks train with the same settings,
   // each on its own view of every step, and only rank 0 writes files, logs and evaluates.
   Ranks* ranks = nullptr;

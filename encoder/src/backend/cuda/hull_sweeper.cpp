@@ -29,7 +29,6 @@ using geometry::kHullDepths;
 using geometry::StereoImage;
 using geometry::StereoSource;
 
-constexpr int kGpu = 0;
 constexpr std::size_t kMaxLanes = 4;  // frames that are swept at a time
 
 std::size_t area(int width, int height) {
@@ -95,9 +94,11 @@ struct WaitAtEnd {
 // The memory and the stream of one frame.
 class Lane {
  public:
+  explicit Lane(int gpu) : gpu_(gpu) {}
+
   Status run(HullSweep& sweep) {
     // The device is a setting of the thread.
-    STGS_TRY(cuda_status(cudaSetDevice(kGpu), "choosing the GPU"));
+    STGS_TRY(cuda_status(cudaSetDevice(gpu_), "choosing the GPU"));
     STGS_TRY(stream_.create());
     const WaitAtEnd wait{stream_};
     return run_all(sweep);
@@ -307,6 +308,7 @@ class Lane {
   Uploaded<HullSample> device_samples_;
   Uploaded<HullSpan> device_spans_;
   Uploaded<HullRegion> device_regions_;
+  const int gpu_;
   DeviceArray<std::uint8_t> costs_;
   DeviceArray<std::uint16_t> sums_;
   DeviceArray<HullDepth> device_results_;
@@ -326,7 +328,7 @@ class Lane {
 
 class CudaHullSweeper final : public geometry::HullSweeper {
  public:
-  CudaHullSweeper() { free_.reserve(kMaxLanes); }
+  explicit CudaHullSweeper(int gpu) : gpu_(gpu) { free_.reserve(kMaxLanes); }
   Status run(HullSweep& sweep) override {
     const std::shared_ptr<Lane> lane(take().release(), [this](Lane* used) { give_back(used); });
     const Status status = lane->run(sweep);
@@ -339,7 +341,7 @@ class CudaHullSweeper final : public geometry::HullSweeper {
     std::unique_lock lock(mutex_);
     returned_.wait(lock, [this] { return !free_.empty() || lanes_ < kMaxLanes; });
     if (free_.empty()) {
-      auto lane = std::make_unique<Lane>();
+      auto lane = std::make_unique<Lane>(gpu_);
       ++lanes_;
       return lane;
     }
@@ -354,6 +356,7 @@ class CudaHullSweeper final : public geometry::HullSweeper {
     returned_.notify_one();
   }
 
+  const int gpu_;
   std::mutex mutex_;
   std::condition_variable returned_;
   std::vector<std::unique_ptr<Lane>> free_;
@@ -362,9 +365,11 @@ class CudaHullSweeper final : public geometry::HullSweeper {
 
 }  // namespace
 
-Result<std::unique_ptr<geometry::HullSweeper>> geometry::make_cuda_hull_sweeper() {
-  STGS_TRY(cuda::select_gpu(kGpu).status());
-  return std::unique_ptr<HullSweeper>(std::make_unique<CudaHullSweeper>());
+Result<std::unique_ptr<geometry::HullSweeper>> geometry::make_cuda_hull_sweeper(int gpu) {
+  STGS_TRY(cuda::select_gpu(gpu).status());
+  int device = 0;
+  STGS_TRY(cuda_status(cudaGetDevice(&device), "choosing the GPU"));
+  return std::unique_ptr<HullSweeper>(std::make_unique<CudaHullSweeper>(device));
 }
 
 }  // namespace stgs::encoder

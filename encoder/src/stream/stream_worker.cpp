@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stgs/encoder/stream_worker.h"
+
+#include <utility>
+
+#include "stream/window_trainer.h"
+
+namespace stgs::encoder {
+
+StreamWorker::StreamWorker(std::string folder, std::unique_ptr<WindowTrainer> trainer)
+    : folder_(std::move(folder)), trainer_(std::move(trainer)) {}
+
+StreamWorker::~StreamWorker() = default;
+
+Result<std::unique_ptr<StreamWorker>> StreamWorker::open(const std::string& folder,
+                                                         const StreamSettings& settings) {
+  STGS_ASSIGN(WindowTrainer trainer, WindowTrainer::create(settings));
+  STGS_ASSIGN(const bool is_same, trainer.is_run_of(folder));
+  if (!is_same) {
+    return usage_error(
+        "{}: this process has another capture or other settings than the first process; start all "
+        "with the same command, and calibrate a capture before",
+        folder);
+  }
+  return std::unique_ptr<StreamWorker>(
+      new StreamWorker(folder, std::make_unique<WindowTrainer>(std::move(trainer))));
+}
+
+Result<TrainedWindow> StreamWorker::train_window(const PreparedCapture& window, int frames,
+                                                 const ProgressSink& progress, const LogSink& log) {
+  if (!trainer_->has_bounds()) {
+    STGS_ASSIGN(const PreparedCapture first, read_prepared_capture(folder_));
+    trainer_->take_bounds(first);
+  }
+  STGS_ASSIGN(const PersistentSet set, PersistentSet::read(set_path_of(folder_, frames)));
+  return trainer_->train(window, set, frames, progress, log, {});
+}
+
+}  // namespace stgs::encoder
