@@ -99,8 +99,9 @@ Result<TrainedWindow> WindowTrainer::train(PreparedCapture window, const Persist
     std::copy_n(bounds_->centre, 3, window.scene_centre);
     TrainedWindow out;
     out.set = set;
-    STGS_ASSIGN(out.scene, encoder::train(window, settings_for(frames, work), progress, log,
-                                          &out.training, {&out.set, &backend_}));
+    STGS_ASSIGN(out.scene,
+                encoder::train(window, settings_for(frames, work), progress, log, &out.training,
+                               {&out.set, &backend_, window.time_base.seconds(frames)}));
     return out;
   } catch (const std::exception& error) {
     return runtime_error("encoding the window after frame {} failed: {}", frames, error.what());

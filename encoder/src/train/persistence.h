@@ -15,12 +15,8 @@ namespace stgs::encoder {
 // The half length of a persistent lifespan, frames: longer than any capture (kCaptureLimits).
 inline constexpr float kPersistentRadius = 4e6f;
 
-// Further static primitives are stored once they are this fraction of the stored ones, so that few
-// parts of the file cover a time. Until then they are candidates: part of their window's content,
-// and trained further in the next window.
-inline constexpr double kMinStoredShare = 0.02;
-
-// Returns whether a primitive was made static by persist(): stored, or a candidate.
+// Returns whether a primitive was made static by persist(): stored, or a candidate
+// (set_growth.h).
 inline bool is_persistent(const TrainState& state, std::size_t i) {
   return state.is_fixed(i) || state.set.radius[i] >= kPersistentRadius;
 }

@@ -19,6 +19,7 @@
 #include "train/lockstep.h"
 #include "train/log_writer.h"
 #include "train/perceptual_term.h"
+#include "train/set_growth.h"
 #include "train/training_choice.h"
 #include "train/training_images.h"
 #include "train/view_order.h"
@@ -47,6 +48,8 @@ class Trainer {
  private:
   Result<Scene> scene();
   void find_persistent(PersistentSet& set);
+  // Returns the time of this window in the recording.
+  RecordedSpan recorded_span() const;
   Trainer(const PreparedCapture& capture, const TrainSettings& settings, ProgressSink progress,
           LogSink log);
 
@@ -165,6 +168,7 @@ class Trainer {
   int evaluations_due() const;
 
   const PersistentSet* persistent_ = nullptr;  // null: not a window of a longer capture
+  double window_begin_ = 0;                    // seconds since the start of the recording
   SceneChanges changes_;                       // of the persistent set in this window
   std::vector<int> ends_;                      // of each fixed primitive: the frame, or -1
   std::vector<std::uint32_t> stored_;          // in the set for the first time, ascending

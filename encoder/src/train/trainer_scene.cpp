@@ -13,6 +13,7 @@
 #include "train/camera_refinement.h"
 #include "train/compute_importance.h"
 #include "train/persistence.h"
+#include "train/set_growth.h"
 #include "train/start_camera.h"
 #include "train/trainer.h"
 
@@ -61,6 +62,10 @@ Result<std::vector<float>> Trainer::importance() {
                        state_.iteration, resume_hint());
 }
 
+RecordedSpan Trainer::recorded_span() const {
+  return {window_begin_, window_begin_ + capture_.time_base.seconds(capture_.frames)};
+}
+
 void Trainer::find_persistent(PersistentSet& set) {
   // Ascending, then with the stored primitives first.
   const int first = std::max(changes_.settled, 0);
@@ -85,9 +90,8 @@ void Trainer::find_persistent(PersistentSet& set) {
                [&](std::size_t k) { persist(state_, found[k], first, capture_.frames); });
   stored_ = list_still(capture_, state_.set, found);
   // Content that has just changed is stored once it has been visible for a complete window.
-  if (first > 0 ||
-      static_cast<double>(stored_.size()) < kMinStoredShare * static_cast<double>(fixed.size()))
-    stored_.clear();
+  if (first > 0) stored_.clear();
+  stored_ = choose_joining(stored_, fixed.size(), state_.compaction.importance, recorded_span());
   persistent = fixed;
   persistent.insert(persistent.end(), stored_.begin(), stored_.end());
   std::set_difference(found.begin(), found.end(), stored_.begin(), stored_.end(),

@@ -155,6 +155,7 @@ struct TrainReport {
 struct WindowState {
   PersistentSet* persistent = nullptr;               // persistent_set.h
   std::shared_ptr<TrainBackend>* backend = nullptr;  // with its memory; may point to null
+  double begin = 0;                                  // seconds since the start of the recording
 };
 
 // Trains and returns the lossless scene. With several ranks, only rank 0's scene has importances.
