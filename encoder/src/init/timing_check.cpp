@@ -45,16 +45,11 @@ Result<Features> moving_features(const PreparedCapture& capture, const View& vie
   const cv::Rect box = cv::Rect(moving.x - kMargin, moving.y - kMargin, moving.width + 2 * kMargin,
                                 moving.height + 2 * kMargin) &
                        cv::Rect({0, 0}, mask.size());
-  const Features all = find_features(image(box), 4 * kMaxMoving);
-  Features out;
-  for (std::size_t i = 0; i < all.points.size() && out.points.size() < kMaxMoving; ++i) {
-    const cv::Point2d p = all.points[i] + cv::Point2d(box.tl());
-    const cv::Point pixel(static_cast<int>(p.x), static_cast<int>(p.y));
-    if (!cv::Rect({0, 0}, mask.size()).contains(pixel) || mask.at<std::uint8_t>(pixel) == 0)
-      continue;
-    out.points.push_back(p);
-    out.descriptors.push_back(all.descriptors.row(static_cast<int>(i)));
-  }
+  Features out = find_features(image(box), 4 * kMaxMoving, mask(box));
+  const std::size_t count = std::min(out.points.size(), kMaxMoving);
+  out.points.resize(count);
+  out.descriptors = out.descriptors.rowRange(0, static_cast<int>(count));
+  for (cv::Point2d& point : out.points) point += cv::Point2d(box.tl());
   return out;
 }
 
