@@ -85,6 +85,12 @@ inline std::vector<StereoView> rig() {
   return views;
 }
 
+// Returns the pose of source j of view i, without its image.
+inline StereoSource source_of(const std::vector<StereoView>& views, std::size_t i, std::size_t j) {
+  return posed_source({}, views[i].rotation, views[i].translation, views[j].rotation,
+                      views[j].translation);
+}
+
 inline constexpr StereoSettings kRange{1.5f, 8.0f, 2, 1};
 
 inline Status in_order(int count, const std::function<Status(int)>& task) {
@@ -97,6 +103,50 @@ inline std::vector<StereoMap> matched(const std::vector<StereoView>& views, View
   Result<std::vector<StereoMap>> maps = match_views(views, kRange, matcher, in_order);
   return maps.ok() ? std::move(*maps) : std::vector<StereoMap>();
 }
+
+// A pass over view 1 against the others, which compares the depths of their maps.
+struct Pass {
+  std::vector<std::vector<std::uint32_t>> corners;
+  std::vector<std::vector<float>> depths;
+  StereoProblem problem{};
+
+  Pass(const std::vector<StereoView>& views, const std::vector<StereoMap>& maps) {
+    for (std::size_t i = 0; i < views.size(); ++i) {
+      corners.push_back(corners_of(views[i].grey.data(), kWidth, kHeight));
+      depths.emplace_back();
+      for (const Hypothesis& plane : maps[i].planes) depths.back().push_back(plane.depth);
+    }
+    const auto image = [&](std::size_t i) {
+      const StereoView& v = views[i];
+      return StereoImage{
+          corners[i].data(), depths[i].data(), kWidth, kHeight, v.fx, v.fy, v.cx, v.cy};
+    };
+    problem.reference = image(1);
+    problem.nearest = kRange.nearest;
+    problem.farthest = kRange.farthest;
+    problem.consistency = 0.05f;
+    for (const std::size_t j : {0, 2, 3}) {
+      StereoSource source = source_of(views, 1, j);
+      source.image = image(j);
+      problem.sources[problem.source_count++] = derived_source(problem.reference, source);
+    }
+  }
+
+  // Returns the share of pixels whose cost is not that of their plane, by the scalar reference.
+  double share_of_wrong_costs(const PlaneMap& map) const {
+    int wrong = 0;
+    for (int y = 0; y < kHeight; ++y) {
+      for (int x = 0; x < kWidth; ++x) {
+        const std::size_t at = pixel_index(problem, x, y);
+        Support support{};
+        load_support(problem.reference, x, y, &support);
+        const float cost = hypothesis_cost(problem, support, x, y, map.planes[at]);
+        wrong += std::abs(cost - map.costs[at]) > 2e-3f ? 1 : 0;
+      }
+    }
+    return double(wrong) / (kWidth * kHeight);
+  }
+};
 
 // Shares of the pixels away from the borders.
 struct Accuracy {

@@ -19,31 +19,54 @@ using GreyTag = hn::CappedTag<float, 16>;
 using GreyV = hn::Vec<GreyTag>;
 
 // Byte k of each lane, as a float.
-template <int kByte, class I>
-HWY_INLINE GreyV corner(I corners) {
-  const hn::RebindToUnsigned<GreyTag> du;
-  const hn::RebindToSigned<GreyTag> di;
+template <int kByte, class D, class I>
+HWY_INLINE hn::Vec<D> corner(D d, I corners) {
+  const hn::RebindToUnsigned<D> du;
+  const hn::RebindToSigned<D> di;
   const auto byte = hn::And(hn::ShiftRight<8 * kByte>(corners), hn::Set(du, 0xFFu));
-  return hn::ConvertTo(GreyTag(), hn::BitCast(di, byte));
+  return hn::ConvertTo(d, hn::BitCast(di, byte));
 }
 
-// Bilinear grey values between pixels, clamped to the image; (0, 0) is the centre of the first one.
-HWY_INLINE GreyV grey_vector(const std::uint32_t* image, int width, int height, GreyV u, GreyV v) {
-  const GreyTag d;
-  const hn::RebindToSigned<GreyTag> di;
-  const hn::RebindToUnsigned<GreyTag> du;
-  const GreyV zero = hn::Zero(d);
-  const GreyV x = hn::Min(hn::Max(u, zero), hn::Set(d, static_cast<float>(width - 1)));
-  const GreyV y = hn::Min(hn::Max(v, zero), hn::Set(d, static_cast<float>(height - 1)));
-  const auto x0 = hn::ConvertTo(di, x), y0 = hn::ConvertTo(di, y);
-  const GreyV ax = hn::Sub(x, hn::ConvertTo(d, x0)), ay = hn::Sub(y, hn::ConvertTo(d, y0));
-  const auto index = hn::Add(hn::Mul(y0, hn::Set(di, width)), x0);
-  const auto corners = hn::GatherIndex(du, image, index);
-  const GreyV left = corner<0>(corners), below_left = corner<2>(corners);
-  const GreyV above = hn::MulAdd(ax, hn::Sub(corner<1>(corners), left), left);
-  const GreyV below = hn::MulAdd(ax, hn::Sub(corner<3>(corners), below_left), below_left);
-  return hn::MulAdd(ay, hn::Sub(below, above), above);
-}
+// A grey image for bilinear values at many positions. Of 2^22 pixels at most.
+template <class D>
+class GreyImage {
+ public:
+  using V = hn::Vec<D>;
+
+  // `corners`: as in StereoImage.
+  HWY_INLINE GreyImage(const std::uint32_t* corners, int width, int height)
+      : corners_(corners),
+        width_(hn::Set(D(), static_cast<float>(width))),
+        last_x_(hn::Set(D(), static_cast<float>(width - 1))),
+        last_y_(hn::Set(D(), static_cast<float>(height - 1))) {}
+
+  // Values clamped to the image; (0, 0) is the centre of the first pixel.
+  HWY_INLINE V at(V u, V v) const {
+    const D d;
+    const hn::RebindToUnsigned<D> du;
+    const V zero = hn::Zero(d), half = hn::Set(d, 0.5f), integers = hn::Set(d, kIntegers);
+    const V x = hn::Min(hn::Max(u, zero), last_x_), y = hn::Min(hn::Max(v, zero), last_y_);
+    // The pixel to the left of a position that is a pixel is as good.
+    const V x0 = hn::Sub(hn::Add(hn::Sub(x, half), integers), integers);
+    const V y0 = hn::Sub(hn::Add(hn::Sub(y, half), integers), integers);
+    const V ax = hn::Sub(x, x0), ay = hn::Sub(y, y0);
+    const auto bits = hn::BitCast(du, hn::Add(hn::MulAdd(y0, width_, x0), integers));
+    const auto index = hn::Sub(bits, hn::BitCast(du, integers));
+    const auto corners = hn::GatherIndex(du, corners_, hn::BitCast(hn::RebindToSigned<D>(), index));
+    const V left = corner<0>(d, corners), below_left = corner<2>(d, corners);
+    const V above = hn::MulAdd(ax, hn::Sub(corner<1>(d, corners), left), left);
+    const V below = hn::MulAdd(ax, hn::Sub(corner<3>(d, corners), below_left), below_left);
+    return hn::MulAdd(ay, hn::Sub(below, above), above);
+  }
+
+ private:
+  // 1.5 * 2^23: the sum with a number below 2^22 is rounded to an integer, which its last bits
+  // hold. That is faster than conversions, which handle overflow.
+  static constexpr float kIntegers = 12582912.0f;
+
+  const std::uint32_t* corners_;
+  V width_, last_x_, last_y_;
+};
 
 }  // namespace
 }  // namespace stgs::encoder::geometry::HWY_NAMESPACE

@@ -15,6 +15,9 @@ struct PlaneMap {
   float* costs;
 };
 
+// The most hypotheses that are considered at once: those of propagate() or of vary().
+inline constexpr int kMaxCandidates = 8;
+
 // Returns a plane with uniform inverse depth and orientation.
 STGS_FN Hypothesis random_plane(const StereoProblem& problem, float u, float v, Random& random) {
   const float near = 1.0f / problem.nearest, far = 1.0f / problem.farthest;
@@ -25,19 +28,17 @@ STGS_FN Hypothesis random_plane(const StereoProblem& problem, float u, float v, 
   return plane;
 }
 
-// The cheapest known hypothesis of a pixel.
-template <typename Sums>
+// The cheapest hypothesis considered so far; the first one of equal cost.
 struct Search {
   const StereoProblem& problem;
   const Support& support;
-  const Sums& sums_of;
   int x, y;
-  Hypothesis best;
-  float cost;
+  Hypothesis best{0.0f, {0.0f, 0.0f, -1.0f}};
+  float cost = 1e9f;
 
   STGS_FN void consider(Hypothesis plane) {
     if (!(plane.depth > 0.0f)) return;
-    const float c = hypothesis_cost(problem, support, x, y, plane, sums_of);
+    const float c = hypothesis_cost(problem, support, x, y, plane);
     if (!(c < cost)) return;
     cost = c;
     best = plane;
@@ -62,57 +63,66 @@ struct Lowest {
   }
 };
 
-// Considers the cheapest plane of each of eight areas: V shapes next to the pixel, then strips
+// Considers the cheapest plane of each of eight areas: V shapes next to pixel (x, y), then strips
 // along the axes. They hold only pixels of the other colour.
-template <typename Sums>
-STGS_FN void propagate(const PlaneMap& map, Search<Sums>& search) {
+template <typename Candidates>
+STGS_FN void propagate(const StereoProblem& problem, const PlaneMap& map, int x, int y,
+                       Candidates& candidates) {
   constexpr int kStrip = 8;  // pixels
-  const int width = search.problem.reference.width, height = search.problem.reference.height;
+  const int width = problem.reference.width, height = problem.reference.height;
   for (int area = 0; area < 8; ++area) {
     const int direction = area / 2, ax = (direction == 2) - (direction == 3);
     const int ay = (direction == 0) - (direction == 1), bx = ay != 0, by = ax != 0;
     Lowest lowest{map, width, height};
     if (area % 2 == 0) {
-      lowest.look(search.x + ax, search.y + ay);
+      lowest.look(x + ax, y + ay);
       for (int k = 1; k <= 2; ++k) {
-        lowest.look(search.x + (k + 1) * ax + k * bx, search.y + (k + 1) * ay + k * by);
-        lowest.look(search.x + (k + 1) * ax - k * bx, search.y + (k + 1) * ay - k * by);
+        lowest.look(x + (k + 1) * ax + k * bx, y + (k + 1) * ay + k * by);
+        lowest.look(x + (k + 1) * ax - k * bx, y + (k + 1) * ay - k * by);
       }
     } else {
-      for (int k = 1; k <= kStrip; ++k)
-        lowest.look(search.x + (2 * k + 1) * ax, search.y + (2 * k + 1) * ay);
+      for (int k = 1; k <= kStrip; ++k) lowest.look(x + (2 * k + 1) * ax, y + (2 * k + 1) * ay);
     }
     if (lowest.x < 0) continue;
     const std::size_t at = static_cast<std::size_t>(lowest.y) * static_cast<std::size_t>(width) +
                            static_cast<std::size_t>(lowest.x);
-    search.consider(moved_plane(search.problem, map.planes[at], static_cast<float>(lowest.x) + 0.5f,
-                                static_cast<float>(lowest.y) + 0.5f,
-                                static_cast<float>(search.x) + 0.5f,
-                                static_cast<float>(search.y) + 0.5f));
+    candidates.consider(moved_plane(problem, map.planes[at], static_cast<float>(lowest.x) + 0.5f,
+                                    static_cast<float>(lowest.y) + 0.5f,
+                                    static_cast<float>(x) + 0.5f, static_cast<float>(y) + 0.5f));
   }
 }
 
-// Considers a random plane, and changes of the best one that shrink with the iterations.
-template <typename Sums>
-STGS_FN void perturb(int iteration, Random random, Search<Sums>& search) {
-  const StereoProblem& problem = search.problem;
-  const float u = static_cast<float>(search.x) + 0.5f, v = static_cast<float>(search.y) + 0.5f;
+// Considers a random plane of pixel (x, y), and changes of a given one that shrink with the
+// iterations.
+template <typename Candidates>
+STGS_FN void vary(const StereoProblem& problem, int x, int y, Hypothesis plane, int iteration,
+                  Random random, Candidates& candidates) {
+  const float u = static_cast<float>(x) + 0.5f, v = static_cast<float>(y) + 0.5f;
   const float reach = std::exp2(-static_cast<float>(iteration));
-  const Hypothesis best = search.best, drawn = random_plane(problem, u, v, random);
+  const Hypothesis drawn = random_plane(problem, u, v, random);
   const float near = 1.0f / problem.nearest, far = 1.0f / problem.farthest;
   const float shift = 0.25f * reach * (near - far) * (2.0f * random.uniform() - 1.0f);
   const float stretch = 1.0f + 0.02f * reach * (2.0f * random.uniform() - 1.0f);
-  const float stretched = math::clamped(best.depth * stretch, problem.nearest, problem.farthest);
-  const float x = random.normal(), y = random.normal(), z = random.normal();
-  const Vec3 tilt = math::vec3_scale(math::vec3_of(x, y, z), 0.5f * reach);
-  const Vec3 tilted = facing(problem.reference, u, v, math::vec3_add(best.normal, tilt));
-  const float shifted = 1.0f / math::clamped(1.0f / best.depth + shift, far, near);
-  search.consider(drawn);
-  search.consider({best.depth, drawn.normal});
-  search.consider({shifted, best.normal});
-  search.consider({stretched, best.normal});
-  search.consider({best.depth, tilted});
-  search.consider({stretched, tilted});
+  const float stretched = math::clamped(plane.depth * stretch, problem.nearest, problem.farthest);
+  const float tx = random.normal(), ty = random.normal(), tz = random.normal();
+  const Vec3 tilt = math::vec3_scale(math::vec3_of(tx, ty, tz), 0.5f * reach);
+  const Vec3 tilted = facing(problem.reference, u, v, math::vec3_add(plane.normal, tilt));
+  const float shifted = 1.0f / math::clamped(1.0f / plane.depth + shift, far, near);
+  candidates.consider(drawn);
+  candidates.consider({plane.depth, drawn.normal});
+  candidates.consider({shifted, plane.normal});
+  candidates.consider({stretched, plane.normal});
+  candidates.consider({plane.depth, tilted});
+  candidates.consider({stretched, tilted});
+}
+
+// Considers random planes of pixel (x, y).
+template <typename Candidates>
+STGS_FN void draw(const StereoProblem& problem, int x, int y, Random random,
+                  Candidates& candidates) {
+  for (int k = 0; k < kMaxCandidates; ++k)
+    candidates.consider(
+        random_plane(problem, static_cast<float>(x) + 0.5f, static_cast<float>(y) + 0.5f, random));
 }
 
 STGS_FN std::size_t pixel_index(const StereoProblem& problem, int x, int y) {
@@ -120,33 +130,39 @@ STGS_FN std::size_t pixel_index(const StereoProblem& problem, int x, int y) {
          static_cast<std::size_t>(x);
 }
 
-// Gives pixel (x, y) a random plane, unless it has one, and computes its cost.
-template <typename Sums>
-STGS_FN void start_pixel(const StereoProblem& problem, const PlaneMap& map, int x, int y,
-                         std::uint64_t seed, const Sums& sums_of) {
-  const std::size_t at = pixel_index(problem, x, y);
-  if (!(map.planes[at].depth > 0.0f)) {
-    Random random(seed, at, RandomPurpose::kStereo);
-    map.planes[at] =
-        random_plane(problem, static_cast<float>(x) + 0.5f, static_cast<float>(y) + 0.5f, random);
-  }
-  Support support;
-  sums_of.load(problem.reference, x, y, &support);
-  map.costs[at] = hypothesis_cost(problem, support, x, y, map.planes[at], sums_of);
+STGS_FN Random random_of(std::uint64_t seed, std::size_t pixel) {
+  return Random(seed, pixel, RandomPurpose::kStereo);
 }
 
-// Improves the plane of pixel (x, y), while pixels of the other colour (parity of x + y) do not
-// change. `iteration` counts from 0 in a pass.
-template <typename Sums>
-STGS_FN void update_pixel(const StereoProblem& problem, const PlaneMap& map, int x, int y,
-                          int iteration, std::uint64_t seed, const Sums& sums_of) {
+// The updates of pixel (x, y), one hypothesis at a time: the reference for the vectorised version
+// (stereo_rows.h), and the text of the CUDA kernels.
+
+// Gives the pixel the cheapest of some random planes.
+STGS_FN void start_pixel(const StereoProblem& problem, const PlaneMap& map, int x, int y,
+                         std::uint64_t seed) {
   const std::size_t at = pixel_index(problem, x, y);
   Support support;
-  sums_of.load(problem.reference, x, y, &support);
-  Search<Sums> search{problem, support, sums_of, x, y, map.planes[at], map.costs[at]};
-  propagate(map, search);
-  const Random random(seed + static_cast<std::uint64_t>(iteration) + 1, at, RandomPurpose::kStereo);
-  perturb(iteration, random, search);
+  load_support(problem.reference, x, y, &support);
+  Search search{problem, support, x, y};
+  draw(problem, x, y, random_of(seed, at), search);
+  map.planes[at] = search.best;
+  map.costs[at] = search.cost;
+}
+
+// Improves the plane of the pixel, while pixels of the other colour (parity of x + y) do not
+// change. The costs of the map may be of an earlier pass; that of the pixel is computed again.
+STGS_FN void update_pixel(const StereoProblem& problem, const PlaneMap& map, int x, int y,
+                          int iteration, std::uint64_t seed) {
+  const std::size_t at = pixel_index(problem, x, y);
+  Support support;
+  load_support(problem.reference, x, y, &support);
+  Search search{problem, support, x, y};
+  propagate(problem, map, x, y, search);
+  const Hypothesis own = map.planes[at];
+  const Hypothesis base = map.costs[at] <= search.cost ? own : search.best;
+  search.consider(own);
+  const Random random = random_of(seed + static_cast<std::uint64_t>(iteration) + 1, at);
+  vary(problem, x, y, base, iteration, random, search);
   map.planes[at] = search.best;
   map.costs[at] = search.cost;
 }

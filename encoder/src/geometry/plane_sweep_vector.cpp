@@ -36,6 +36,7 @@ void warp_row(const SweepSource& source, const float (&h)[9], int pitch, int y, 
   const hn::RebindToUnsigned<GreyTag> du;
   const float v = static_cast<float>(y);
   const GreyV half = hn::Set(d, 0.5f), zero = hn::Zero(d), one = hn::Set(d, 1.0f);
+  const GreyImage<GreyTag> image(source.corners, source.width, source.height);
   const GreyV last_x = hn::Set(d, static_cast<float>(source.width) - 0.5f);
   const GreyV last_y = hn::Set(d, static_cast<float>(source.height) - 0.5f);
   for (int x = 0; x < pitch; x += kLanes) {
@@ -44,7 +45,7 @@ void warp_row(const SweepSource& source, const float (&h)[9], int pitch, int y, 
     const GreyV unit = hn::Div(one, hn::Max(z, hn::Set(d, 1e-9f)));
     const GreyV su = hn::Mul(hn::MulAdd(hn::Set(d, h[0]), u, hn::Set(d, h[1] * v + h[2])), unit);
     const GreyV sv = hn::Mul(hn::MulAdd(hn::Set(d, h[3]), u, hn::Set(d, h[4] * v + h[5])), unit);
-    hn::StoreU(grey_vector(source.corners, source.width, source.height, su, sv), d, values + x);
+    hn::StoreU(image.at(su, sv), d, values + x);
     auto inside = hn::And(hn::Gt(z, zero), hn::And(hn::Ge(su, hn::Neg(half)), hn::Lt(su, last_x)));
     inside = hn::And(inside, hn::And(hn::Ge(sv, hn::Neg(half)), hn::Lt(sv, last_y)));
     if (source.usable != nullptr) {

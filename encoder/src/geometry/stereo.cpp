@@ -12,12 +12,11 @@
 namespace stgs::encoder::geometry {
 namespace {
 
-// Iterations of each pass: from random planes at half the size, and at full size; then two passes
-// at either size that also compare depths.
-constexpr int kCoarseIterations = 6, kFineIterations = 2, kConsistentIterations = 1;
-constexpr int kConsistentPasses = 2;
-constexpr int kFineStart = 2, kConsistentStart = 3;  // iterations that perturbations shrink by
-constexpr float kConsistency = 0.05f;                // cost per pixel of reprojection error
+// Iterations from random planes at half the size. Then passes of one iteration that also compare
+// depths, at half the size and at full size.
+constexpr int kFirstIterations = 3, kCoarsePasses = 1, kFinePasses = 2;
+constexpr int kConsistentStart = 3;    // iterations that changes of planes shrink by
+constexpr float kConsistency = 0.05f;  // cost per pixel of reprojection error
 constexpr float kMaxCost = 0.5f;
 constexpr float kMaxDepthError = 0.01f;        // relative
 constexpr float kMaxReprojectionError = 1.5f;  // pixels
@@ -95,7 +94,8 @@ class CpuMatcher final : public ViewMatcher {
   std::string name() const override { return "cpu"; }
   Status run(const ViewPass& pass) override {
     const int height = pass.problem.reference.height;
-    for (int y = 0; y < height; ++y) start_row(pass.problem, pass.map, y, pass.seed);
+    for (int y = 0; pass.from_random && y < height; ++y)
+      start_row(pass.problem, pass.map, y, pass.seed);
     for (int k = pass.first; k < pass.first + pass.iterations; ++k) {
       for (const int colour : {0, 1}) {
         for (int y = 0; y < height; ++y)
@@ -120,12 +120,12 @@ class Matcher {
       maps_[i].planes.resize(levels_[i].corners.size());
       maps_[i].costs.resize(levels_[i].corners.size());
     }
-    STGS_TRY(pass(0, kCoarseIterations, 0));
-    STGS_TRY(consistent_passes());
+    STGS_TRY(pass(0, kFirstIterations, 0));
+    STGS_TRY(consistent_passes(kCoarsePasses));
     const std::vector<Level> coarse = std::exchange(levels_, levels_of(views_, false));
     for (std::size_t i = 0; i < views_.size(); ++i) refine(coarse[i].view, i);
-    STGS_TRY(pass(kFineStart, kFineIterations, 0));
-    STGS_TRY(consistent_passes());
+    STGS_TRY(consistent_passes(kFinePasses));
+    take_depths();
     return confirm();
   }
 
@@ -141,18 +141,18 @@ class Matcher {
       pass.problem = problem_at(view, consistency);
       pass.map = {maps_[view].planes.data(), maps_[view].costs.data()};
       pass.seed = settings_.seed + 0x10000 * view + 0x100 * passes_;
+      pass.from_random = passes_ == 1;
       pass.first = first;
       pass.iterations = iterations;
       return matcher_.run(pass);
     });
   }
 
-  Status consistent_passes() {
-    for (int k = 0; k < kConsistentPasses; ++k) {
+  Status consistent_passes(int count) {
+    for (int k = 0; k < count; ++k) {
       take_depths();
-      STGS_TRY(pass(kConsistentStart + k, kConsistentIterations, kConsistency));
+      STGS_TRY(pass(kConsistentStart + k, 1, kConsistency));
     }
-    take_depths();
     return {};
   }
 
@@ -169,23 +169,27 @@ class Matcher {
     return problem_of(levels_, views_[i].sources, i, settings_, consistency);
   }
 
-  // Takes the planes of view i from those of half the size.
+  // Takes the planes and costs of view i from those of half the size.
   void refine(const StereoView& half, std::size_t i) {
     const StereoProblem problem = problem_at(i, 0);
     const StereoView& view = levels_[i].view;
     std::vector<Hypothesis> planes(levels_[i].corners.size());
+    std::vector<float> costs(planes.size());
     for (int y = 0; y < view.height; ++y) {
       for (int x = 0; x < view.width; ++x) {
         const int hx = std::min(x / 2, half.width - 1), hy = std::min(y / 2, half.height - 1);
-        const Hypothesis& plane = maps_[i].planes[static_cast<std::size_t>(hy) * half.width + hx];
+        const std::size_t from = static_cast<std::size_t>(hy) * half.width + hx;
+        const std::size_t to = static_cast<std::size_t>(y) * view.width + x;
+        const Hypothesis& plane = maps_[i].planes[from];
         const Hypothesis moved = moved_plane(
             problem, plane, static_cast<float>(2 * hx + 1), static_cast<float>(2 * hy + 1),
             static_cast<float>(x) + 0.5f, static_cast<float>(y) + 0.5f);
-        planes[static_cast<std::size_t>(y) * view.width + x] = moved.depth > 0 ? moved : plane;
+        planes[to] = moved.depth > 0 ? moved : plane;
+        costs[to] = maps_[i].costs[from];
       }
     }
     maps_[i].planes = std::move(planes);
-    maps_[i].costs.assign(maps_[i].planes.size(), kUnseen);
+    maps_[i].costs = std::move(costs);
   }
 
   // Counts the views that confirm each plane.

@@ -12,7 +12,6 @@ inline constexpr int kSupportSide = 6;
 inline constexpr int kSupportSize = kSupportSide * kSupportSide;
 inline constexpr int kSupportStep = 2;
 inline constexpr int kSupportReach = 5;
-inline constexpr int kSupportPadded = 48;  // a multiple of the lanes of all vectors
 
 inline constexpr float kGreySigma = 12.0f;    // of the weights, grey levels
 inline constexpr float kSpaceSigma = 5.0f;    // of the weights, pixels
@@ -22,10 +21,9 @@ inline constexpr float kGreyScale = 40.0f;    // difference of the largest cost,
 inline constexpr float kErrorLimit = 3.0f;    // largest reprojection error that counts, pixels
 inline constexpr float kUnseen = 2.0f;        // cost of a hypothesis that no source sees
 
-// Bilateral weights, which sum to 1, and the weighted grey values around a pixel. The padding is 0
-// up to a whole vector.
+// Bilateral weights, which sum to 1, and the weighted grey values around a pixel.
 struct Support {
-  float weight[kSupportPadded], weighted[kSupportPadded];
+  float weight[kSupportSize], weighted[kSupportSize];
   float mean, variance;
 };
 
@@ -50,8 +48,6 @@ STGS_FN void load_support(const StereoImage& image, int x, int y, Support* suppo
     mean += weight * value;
     square += weight * value * value;
   }
-  for (int k = kSupportSize; k < kSupportPadded; ++k)
-    support->weight[k] = support->weighted[k] = 0.0f;
   const float unit = 1.0f / sum;
   for (int k = 0; k < kSupportSize; ++k) {
     support->weight[k] *= unit;
@@ -98,32 +94,26 @@ STGS_FN bool is_seen(const StereoImage& source, const Mat3& h, float u, float v)
          y < z * static_cast<float>(source.height);
 }
 
-// Loads a support and sums over its pixels, one by one.
-struct ScalarSums {
-  STGS_FN void load(const StereoImage& image, int x, int y, Support* support) const {
-    load_support(image, x, y, support);
+// Returns the sums over a support, mapped into a source by a homography.
+STGS_FN SupportSums support_sums(const StereoImage& source, const Mat3& h, const Support& support,
+                                 int x, int y) {
+  SupportSums sums{0.0f, 0.0f, 0.0f};
+  for (int k = 0; k < kSupportSize; ++k) {
+    const float u = static_cast<float>(x + support_offset(k % kSupportSide)) + 0.5f;
+    const float v = static_cast<float>(y + support_offset(k / kSupportSide)) + 0.5f;
+    const float z = 1.0f / math::larger(h.zx * u + h.zy * v + h.zz, 1e-9f);
+    const float b =
+        grey_between(source, (h.xx * u + h.xy * v + h.xz) * z, (h.yx * u + h.yy * v + h.yz) * z);
+    sums.b += support.weight[k] * b;
+    sums.bb += support.weight[k] * b * b;
+    sums.ab += support.weighted[k] * b;
   }
-  STGS_FN SupportSums operator()(const StereoImage& source, const Mat3& h, const Support& support,
-                                 int x, int y) const {
-    SupportSums sums{0.0f, 0.0f, 0.0f};
-    for (int k = 0; k < kSupportSize; ++k) {
-      const float u = static_cast<float>(x + support_offset(k % kSupportSide)) + 0.5f;
-      const float v = static_cast<float>(y + support_offset(k / kSupportSide)) + 0.5f;
-      const float z = 1.0f / math::larger(h.zx * u + h.zy * v + h.zz, 1e-9f);
-      const float b =
-          grey_between(source, (h.xx * u + h.xy * v + h.xz) * z, (h.yx * u + h.yy * v + h.yz) * z);
-      sums.b += support.weight[k] * b;
-      sums.bb += support.weight[k] * b * b;
-      sums.ab += support.weighted[k] * b;
-    }
-    return sums;
-  }
-};
+  return sums;
+}
 
 // Returns the cost of a hypothesis: the mean over the better half of the sources that see it.
-template <typename Sums>
 STGS_FN float hypothesis_cost(const StereoProblem& problem, const Support& support, int x, int y,
-                              Hypothesis plane, const Sums& sums_of) {
+                              Hypothesis plane) {
   const float u = static_cast<float>(x) + 0.5f, v = static_cast<float>(y) + 0.5f;
   const Vec3 row = plane_row(problem.reference, u, v, plane);
   float sorted[kMaxSources];
@@ -132,7 +122,7 @@ STGS_FN float hypothesis_cost(const StereoProblem& problem, const Support& suppo
     const StereoSource& source = problem.sources[i];
     const Mat3 h = plane_homography(source, row);
     if (!is_seen(source.image, h, u, v)) continue;
-    float cost = correlation_cost(support, sums_of(source.image, h, support, x, y));
+    float cost = correlation_cost(support, support_sums(source.image, h, support, x, y));
     if (problem.consistency > 0.0f) {
       const float error =
           reprojection_error(problem.reference, source, u, v, plane.depth, kErrorLimit);

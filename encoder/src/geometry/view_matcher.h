@@ -17,7 +17,8 @@ namespace stgs::encoder::geometry {
 // A pass over the pixels of a view. All pointers are of host memory.
 struct ViewPass {
   StereoProblem problem;
-  PlaneMap map;  // in: planes, of depth 0 where a random one is drawn; out: planes and costs
+  PlaneMap map;              // in and out
+  bool from_random = false;  // starts with random planes; otherwise with those of the map
   std::uint64_t seed = 0;
   int first = 0, iterations = 0;  // the iterations [first, first + iterations)
 };
@@ -26,7 +27,7 @@ class ViewMatcher {
  public:
   virtual ~ViewMatcher() = default;
   virtual std::string name() const = 0;
-  // Starts all pixels and iterates over both colours. Thread-safe. kRuntime if a GPU fails.
+  // Iterates over both colours of pixels. Thread-safe. kRuntime if a GPU fails.
   virtual Status run(const ViewPass& pass) = 0;
 };
 

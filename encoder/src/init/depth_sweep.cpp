@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <opencv2/imgproc.hpp>
 
+#include "geometry/path_costs.h"
 #include "geometry/plane_sweep.h"
 #include "geometry/stereo.h"
 #include "geometry/sweep_rule.h"
@@ -13,15 +14,8 @@
 namespace stgs::encoder::init {
 namespace {
 
+using geometry::CostVolume;
 using geometry::kImpossible;
-
-// Cost volume. The costs of all planes of a pixel are contiguous.
-struct Volume {
-  cv::Rect region;
-  int planes = 0;
-  std::vector<std::uint8_t> cost;
-  std::size_t at(int x, int y) const { return (std::size_t(y) * region.width + x) * planes; }
-};
 
 // Maps pixel indices of the reference region to pixel indices of `other`, through the plane at
 // `depth` parallel to the reference image.
@@ -43,8 +37,7 @@ double plane_depth(const SweepSettings& settings, double plane) {
 }
 
 void fill_volume(const SweepImage& reference, const std::vector<const SweepImage*>& others,
-                 const SweepSettings& settings, Volume* volume) {
-  const cv::Rect region = volume->region;
+                 const SweepSettings& settings, const cv::Rect& region, CostVolume* volume) {
   const cv::Mat grey = reference.grey(region).clone();
   const geometry::SweepReference part = geometry::make_sweep_reference(
       {grey.begin<float>(), grey.end<float>()}, region.width, region.height, settings.window);
@@ -66,15 +59,15 @@ void fill_volume(const SweepImage& reference, const std::vector<const SweepImage
       const std::size_t row = std::size_t(y) * part.pitch;
       std::uint8_t* out = &volume->cost[volume->at(0, y) + plane];
       for (std::size_t x = 0; x < std::size_t(region.width); ++x) {
-        out[x * volume->planes] =
+        out[x * volume->pitch] =
             geometry::volume_cost(costs.first[row + x], costs.second[row + x], costs.seen[row + x]);
       }
     }
   }
 }
 
-void exclude_impossible(const View& view, const SweepSettings& settings, Volume* volume) {
-  const cv::Rect region = volume->region;
+void exclude_impossible(const View& view, const SweepSettings& settings, const cv::Rect& region,
+                        CostVolume* volume) {
   std::vector<float> depths;
   for (int plane = 0; plane < volume->planes; ++plane)
     depths.push_back(float(plane_depth(settings, plane)));
@@ -95,64 +88,21 @@ void exclude_impossible(const View& view, const SweepSettings& settings, Volume*
   }
 }
 
-// Adds the SGM path costs of the direction (dx, dy) to `sum`: paths reach (x, y) from
-// (x - dx, y - dy).
-void aggregate(const Volume& volume, const cv::Mat& grey, int dx, int dy,
-               std::vector<std::uint16_t>* sum) {
-  const int w = volume.region.width, h = volume.region.height, n = volume.planes;
-  // A path needs only the costs of the previous row or pixel. Padded by one plane on each side.
-  std::vector<std::vector<std::uint16_t>> previous(w), current(w);
-  const auto blank = [n] { return std::vector<std::uint16_t>(n + 2, 0xffff); };
-  for (int x = 0; x < w; ++x) previous[x] = current[x] = blank();
-  std::vector<int> best_previous(w, 0), best_current(w, 0);
-  for (int j = 0; j < h; ++j) {
-    const int y = dy < 0 ? h - 1 - j : j;
-    for (int i = 0; i < w; ++i) {
-      const int x = dx < 0 ? w - 1 - i : i;
-      const int px = x - dx, py = y - dy;
-      const std::uint8_t* cost = &volume.cost[volume.at(x, y)];
-      std::uint16_t* out = current[x].data() + 1;
-      std::uint16_t* total = &(*sum)[volume.at(x, y)];
-      int best = 0xffff;
-      if (px < 0 || py < 0 || px >= w || py >= h) {
-        for (int d = 0; d < n; ++d) out[d] = cost[d];
-      } else {
-        const std::uint16_t* from = (dy == 0 ? current : previous)[px].data() + 1;
-        const int base = (dy == 0 ? best_current : best_previous)[px];
-        const float edge = std::abs(grey.at<float>(y, x) - grey.at<float>(py, px));
-        const int jump = base + geometry::large_step(edge);
-        for (int d = 0; d < n; ++d) {
-          const int side = std::min(from[d - 1], from[d + 1]) + geometry::kSmallStep;
-          const int path = std::min({int(from[d]), side, jump});
-          out[d] = std::uint16_t(cost[d] + path - base);
-        }
-      }
-      for (int d = 0; d < n; ++d) {
-        best = std::min(best, int(out[d]));
-        total[d] = std::uint16_t(total[d] + out[d]);
-      }
-      best_current[x] = best;
-    }
-    std::swap(previous, current);
-    std::swap(best_previous, best_current);
-  }
-}
-
 // Returns the cheapest plane of each pixel, refined by a parabola through its neighbours.
-DepthMap read_out(const Volume& volume, const std::vector<std::uint16_t>& sum, cv::Size size,
+DepthMap read_out(const CostVolume& volume, const cv::Rect& region, cv::Size size,
                   const SweepSettings& settings) {
   DepthMap map{cv::Mat(size, CV_32F, cv::Scalar(0)), cv::Mat(size, CV_32F, cv::Scalar(1))};
   const int n = volume.planes;
-  for (int y = 0; y < volume.region.height; ++y) {
-    for (int x = 0; x < volume.region.width; ++x) {
-      const std::uint16_t* s = &sum[volume.at(x, y)];
+  for (int y = 0; y < volume.height; ++y) {
+    for (int x = 0; x < volume.width; ++x) {
+      const std::uint16_t* s = &volume.sum[volume.at(x, y)];
       const int best = int(std::min_element(s, s + n) - s);
       const std::uint8_t cost = volume.cost[volume.at(x, y) + best];
       if (cost == kImpossible) continue;
       double offset = 0;
       if (best > 0 && best + 1 < n)
         offset = geometry::parabola_offset(s[best - 1], s[best], s[best + 1]);
-      const cv::Point p(volume.region.x + x, volume.region.y + y);
+      const cv::Point p(region.x + x, region.y + y);
       map.depth.at<float>(p) = float(plane_depth(settings, best + offset));
       map.cost.at<float>(p) = float(cost) / 254.0f;
     }
@@ -186,20 +136,18 @@ double plane_step(const SweepSettings& settings) {
 DepthMap sweep(const SweepImage& reference, const std::vector<const SweepImage*>& others,
                const SweepSettings& settings) {
   const cv::Rect all(0, 0, reference.view.width, reference.view.height);
-  Volume volume;
-  volume.region = settings.region.empty() ? all : settings.region & all;
-  volume.planes = settings.planes;
-  volume.cost.assign(std::size_t(volume.region.area()) * volume.planes, 0);
-  fill_volume(reference, others, settings, &volume);
+  const cv::Rect region = settings.region.empty() ? all : settings.region & all;
+  CostVolume volume(region.width, region.height, settings.planes);
+  fill_volume(reference, others, settings, region, &volume);
   if (settings.exclude || !settings.mask.empty())
-    exclude_impossible(reference.view, settings, &volume);
-  const cv::Mat grey = reference.grey(volume.region);
-  std::vector<std::uint16_t> sum(volume.cost.size(), 0);
-  aggregate(volume, grey, 1, 0, &sum);
-  aggregate(volume, grey, -1, 0, &sum);
-  aggregate(volume, grey, 0, 1, &sum);
-  aggregate(volume, grey, 0, -1, &sum);
-  return read_out(volume, sum, reference.view.size(), settings);
+    exclude_impossible(reference.view, settings, region, &volume);
+  const cv::Mat part = reference.grey(region).clone();
+  const std::vector<float> grey(part.begin<float>(), part.end<float>());
+  for (const int step : {1, -1}) {
+    geometry::add_paths(grey, step, 0, &volume);
+    geometry::add_paths(grey, 0, step, &volume);
+  }
+  return read_out(volume, region, reference.view.size(), settings);
 }
 
 int agreement(const View& view, const DepthMap& map, int x, int y,

@@ -9,6 +9,8 @@
 #include <set>
 #include <utility>
 
+#include "geometry/nearest_rows.h"
+
 namespace stgs::encoder::init {
 namespace {
 
@@ -22,19 +24,12 @@ constexpr std::size_t kMinMatches = 16;     // of a pair
 constexpr std::size_t kEnough = 200;        // of a pair: the middle frame is not needed
 constexpr double kMinInlierShare = 0.3;
 
-// The descriptors nearest to one, of another image.
-struct Nearest {
-  int index = -1;
-  float first = 1e30f, second = 1e30f;  // squared distances
+bool is_clear(const geometry::NearestRow& nearest) {
+  return nearest.index >= 0 && nearest.first < kRatio * kRatio * nearest.second;
+}
 
-  bool is_clear() const { return index >= 0 && first < kRatio * kRatio * second; }
-};
-
-// Returns the squared length of each row.
-std::vector<float> squared_lengths(const cv::Mat& rows) {
-  std::vector<float> out;
-  for (int i = 0; i < rows.rows; ++i) out.push_back(float(rows.row(i).dot(rows.row(i))));
-  return out;
+geometry::Rows rows_of(const cv::Mat& descriptors) {
+  return {descriptors.ptr<float>(), descriptors.rows, descriptors.cols};
 }
 
 // Returns whether a match is there already, from another frame.
@@ -97,34 +92,14 @@ Features find_features(const cv::Mat& image, std::size_t limit, const cv::Mat& m
 std::vector<std::pair<int, int>> match_features(const Features& a, const Features& b) {
   std::vector<std::pair<int, int>> out;
   if (a.points.size() < 2 || b.points.size() < 2) return out;
-  // Squared distances from one product of matrices, which both directions share. They are exact:
-  // descriptors hold integers up to 255, and all sums are below 2^24.
-  cv::Mat products;
-  cv::gemm(a.descriptors, b.descriptors, -2, cv::Mat(), 0, products, cv::GEMM_2_T);
-  const std::vector<float> of_a = squared_lengths(a.descriptors),
-                           of_b = squared_lengths(b.descriptors);
-  std::vector<Nearest> to_b(of_a.size()), to_a(of_b.size());
-  const auto take = [](Nearest& nearest, int index, float squared) {
-    if (squared < nearest.first) {
-      nearest.second = nearest.first;
-      nearest.first = squared;
-      nearest.index = index;
-    } else if (squared < nearest.second) {
-      nearest.second = squared;
-    }
-  };
-  for (int i = 0; i < products.rows; ++i) {
-    const float* row = products.ptr<float>(i);
-    for (int j = 0; j < products.cols; ++j) {
-      const float squared = std::max(0.0f, of_a[i] + of_b[j] + row[j]);
-      take(to_b[i], j, squared);
-      take(to_a[j], i, squared);
-    }
-  }
-  for (int i = 0; i < products.rows; ++i) {
-    const Nearest& best = to_b[i];
-    if (best.is_clear() && to_a[best.index].index == i && to_a[best.index].is_clear())
-      out.emplace_back(i, best.index);
+  // Distances are exact: descriptors hold integers up to 255, and all sums are below 2^24.
+  const geometry::NearestRows nearest =
+      geometry::find_nearest_rows(rows_of(a.descriptors), rows_of(b.descriptors));
+  for (int i = 0; i < a.descriptors.rows; ++i) {
+    const geometry::NearestRow& best = nearest.to_b[i];
+    if (!is_clear(best)) continue;
+    const geometry::NearestRow& back = nearest.to_a[best.index];
+    if (back.index == i && is_clear(back)) out.emplace_back(i, best.index);
   }
   return out;
 }
@@ -154,13 +129,16 @@ std::set<std::pair<int, int>> likely_pairs(const std::vector<View>& views) {
   return out;
 }
 
-std::set<int> matched_frames(const PreparedCapture& capture) {
-  return {0, capture.frames / 2, capture.frames - 1};
+std::vector<int> matched_frames(const PreparedCapture& capture) {
+  std::vector<int> out{0};
+  for (const int frame : {capture.frames - 1, capture.frames / 2})
+    if (std::find(out.begin(), out.end(), frame) == out.end()) out.push_back(frame);
+  return out;
 }
 
 Status find_matches(const PreparedCapture& capture, const std::vector<View>& views, Work& work,
                     std::vector<PairMatches>* out) {
-  const std::set<int> frames = matched_frames(capture);
+  const std::vector<int> frames = matched_frames(capture);
   out->clear();
   for (const auto& [a, b] : likely_pairs(views)) out->push_back({a, b, {}, {}});
   std::vector<Features> features(views.size());

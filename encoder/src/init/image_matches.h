@@ -24,8 +24,8 @@ struct Features {
   cv::Mat descriptors;  // one row per point
 };
 
-// Finds at most `limit` features of an 8-bit RGB image, those of most contrast first, and returns
-// those of them that are inside the mask, if there is one.
+// Finds at most `limit` features of an 8-bit RGB image, those of most contrast first. Returns only
+// those where `mask` is not 0; an empty one is of the whole image.
 Features find_features(const cv::Mat& image, std::size_t limit, const cv::Mat& mask = {});
 
 // Returns the indices (in a, in b) of features that match clearly, in both directions.
@@ -36,8 +36,9 @@ std::vector<std::pair<int, int>> match_features(const Features& a, const Feature
 // be wrong.
 std::set<std::pair<int, int>> likely_pairs(const std::vector<View>& views);
 
-// Returns the frames in which matches are found: the first, the middle and the last.
-std::set<int> matched_frames(const PreparedCapture& capture);
+// Returns the frames in which matches are found: the first, the last and, for pairs with few
+// matches in these, the middle one. Fewer if they are the same.
+std::vector<int> matched_frames(const PreparedCapture& capture);
 
 // Finds the matches of the first and the last frame between likely_pairs(), and of the middle one
 // if a pair has few in the first. Keeps the matches that agree with one fundamental matrix, and

@@ -14,7 +14,7 @@ namespace stgs::encoder::init {
 namespace {
 
 // Largest forward-backward error of reliable flow, pixels, plus 5 % of its length.
-constexpr double kRoundTrip = 0.75;
+constexpr float kRoundTrip = 0.75f;
 constexpr int kMinFlowSide = 32;  // of images whose flow DIS finds, pixels
 // Margin around dynamic content, over the image width: the upper bound of plausible motion.
 constexpr double kFlowMargin = 1.0 / 15;
@@ -28,6 +28,10 @@ cv::Mat grey_of(const cv::Mat& rgb) {
 
 cv::Mat not_a_number(cv::Size size) {
   return cv::Mat(size, CV_32FC2, cv::Scalar::all(std::numeric_limits<double>::quiet_NaN()));
+}
+
+float length(const cv::Vec2f& flow) {
+  return std::sqrt(flow.dot(flow));
 }
 
 // Returns the dense flow from a to b, NaN where the backward flow disagrees. All NaN for images too
@@ -44,7 +48,7 @@ cv::Mat checked_flow(cv::DISOpticalFlow& dis, const cv::Mat& a, const cv::Mat& b
       bool good = tx >= 0 && ty >= 0 && tx < a.cols && ty < a.rows;
       if (good) {
         const cv::Vec2f r = back.at<cv::Vec2f>(ty, tx);
-        good = std::hypot(f[0] + r[0], f[1] + r[1]) < kRoundTrip + 0.05 * std::hypot(f[0], f[1]);
+        good = length(f + r) < kRoundTrip + 0.05f * length(f);
       }
       if (!good) f = cv::Vec2f::all(std::numeric_limits<float>::quiet_NaN());
     }
@@ -59,7 +63,7 @@ cv::Mat moving_by_flow(const cv::Mat& flow) {
   for (int y = 0; y < flow.rows; y += 2) {
     for (int x = 0; x < flow.cols; x += 2) {
       const auto& f = flow.at<cv::Vec2f>(y, x);
-      if (f[0] == f[0]) lengths.push_back(std::hypot(f[0], f[1]));
+      if (f[0] == f[0]) lengths.push_back(length(f));
     }
   }
   if (lengths.empty()) return mask;
@@ -68,7 +72,7 @@ cv::Mat moving_by_flow(const cv::Mat& flow) {
   for (int y = 0; y < flow.rows; ++y) {
     for (int x = 0; x < flow.cols; ++x) {
       const auto& f = flow.at<cv::Vec2f>(y, x);
-      if (std::hypot(f[0], f[1]) > threshold) mask.at<std::uint8_t>(y, x) = 255;
+      if (length(f) > threshold) mask.at<std::uint8_t>(y, x) = 255;
     }
   }
   return mask;

@@ -17,7 +17,7 @@ __global__ void __launch_bounds__(kSide* kSide)
   const int x = static_cast<int>(blockIdx.x) * kSide + static_cast<int>(threadIdx.x);
   const int y = static_cast<int>(blockIdx.y) * kSide + static_cast<int>(threadIdx.y);
   if (x >= problem.reference.width || y >= problem.reference.height) return;
-  geometry::start_pixel(problem, map, x, y, seed, geometry::ScalarSums());
+  geometry::start_pixel(problem, map, x, y, seed);
 }
 
 // One thread per pixel of the colour: every second one of a row.
@@ -28,7 +28,7 @@ __global__ void __launch_bounds__(kSide* kSide)
   const int x = 2 * (static_cast<int>(blockIdx.x) * kSide + static_cast<int>(threadIdx.x)) +
                 ((y + colour) & 1);
   if (x >= problem.reference.width || y >= problem.reference.height) return;
-  geometry::update_pixel(problem, map, x, y, iteration, seed, geometry::ScalarSums());
+  geometry::update_pixel(problem, map, x, y, iteration, seed);
 }
 
 dim3 blocks(int width, int height) {

@@ -82,9 +82,9 @@ class CudaMatcher final : public geometry::ViewMatcher {
       STGS_TRY(sources_[k].take(problem.sources[k].image, stream_));
     const std::size_t pixels = pixels_of(problem.reference);
     STGS_TRY(upload(pass.map.planes, pixels, planes_, stream_));
-    STGS_TRY(costs_.ensure(pixels));
+    STGS_TRY(upload(pass.map.costs, pixels, costs_, stream_));
     const geometry::PlaneMap map{planes_.data(), costs_.data()};
-    cuda::launch_stereo_start(problem, map, pass.seed, stream_);
+    if (pass.from_random) cuda::launch_stereo_start(problem, map, pass.seed, stream_);
     for (int k = pass.first; k < pass.first + pass.iterations; ++k) {
       for (const int colour : {0, 1})
         cuda::launch_stereo_update(problem, map, colour, k, pass.seed, stream_);
