@@ -244,7 +244,6 @@ Status StreamEncoder::check_ends(const std::vector<std::vector<MemberEnd>>& ends
 
 Status StreamEncoder::create_recording(const Scene& scene) {
   SceneMetadata metadata = scene.metadata;
-  metadata.window.reset();
   metadata.title = settings_.title;
   STGS_TRY(apply_metadata(settings_.pack, metadata));
   STGS_ASSIGN(recorder_, SceneRecorder::create(recording_path(), metadata,
