@@ -176,14 +176,18 @@ Result<StreamWindow> StreamEncoder::encode(const PreparedCapture& window,
 Result<TrainedWindow> StreamEncoder::train_window(const PreparedCapture& window,
                                                   const ProgressSink& progress, const LogSink& log,
                                                   const WindowWork& work) {
-  if (!trainer_->has_bounds()) {
-    // A resumed run and other processes read the bounds from it.
-    PreparedCapture first = window;
-    first.folder = folder_;
-    STGS_TRY(write_prepared_capture(first));
-    trainer_->take_bounds(first);
+  try {
+    if (!trainer_->has_bounds()) {
+      // A resumed run and other processes read the bounds from it.
+      PreparedCapture first = window;
+      first.folder = folder_;
+      STGS_TRY(write_prepared_capture(first));
+      trainer_->take_bounds(first);
+    }
+    return trainer_->train(window, set_, frames(), progress, log, work);
+  } catch (const std::exception& error) {
+    return runtime_error("encoding the window after frame {} failed: {}", frames(), error.what());
   }
-  return trainer_->train(window, set_, frames(), progress, log, work);
 }
 
 Result<std::vector<StreamWindow>> StreamEncoder::append(std::vector<TrainedWindow> round) {
@@ -244,7 +248,6 @@ Status StreamEncoder::check_ends(const std::vector<std::vector<MemberEnd>>& ends
 
 Status StreamEncoder::create_recording(const Scene& scene) {
   SceneMetadata metadata = scene.metadata;
-  metadata.window.reset();
   metadata.title = settings_.title;
   STGS_TRY(apply_metadata(settings_.pack, metadata));
   STGS_ASSIGN(recorder_, SceneRecorder::create(recording_path(), metadata,

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "stgs/encoder/stream_worker.h"
 
+#include <exception>
 #include <utility>
 
 #include "stream/window_trainer.h"
@@ -28,12 +29,16 @@ Result<std::unique_ptr<StreamWorker>> StreamWorker::open(const std::string& fold
 
 Result<TrainedWindow> StreamWorker::train_window(const PreparedCapture& window, int frames,
                                                  const ProgressSink& progress, const LogSink& log) {
-  if (!trainer_->has_bounds()) {
-    STGS_ASSIGN(const PreparedCapture first, read_prepared_capture(folder_));
-    trainer_->take_bounds(first);
+  try {
+    if (!trainer_->has_bounds()) {
+      STGS_ASSIGN(const PreparedCapture first, read_prepared_capture(folder_));
+      trainer_->take_bounds(first);
+    }
+    STGS_ASSIGN(const PersistentSet set, PersistentSet::read(set_path_of(folder_, frames)));
+    return trainer_->train(window, set, frames, progress, log, {});
+  } catch (const std::exception& error) {
+    return runtime_error("training a window after frame {} failed: {}", frames, error.what());
   }
-  STGS_ASSIGN(const PersistentSet set, PersistentSet::read(set_path_of(folder_, frames)));
-  return trainer_->train(window, set, frames, progress, log, {});
 }
 
 }  // namespace stgs::encoder

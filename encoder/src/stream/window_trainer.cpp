@@ -92,20 +92,16 @@ TrainSettings WindowTrainer::settings_for(int frames, const WindowWork& work) co
 Result<TrainedWindow> WindowTrainer::train(PreparedCapture window, const PersistentSet& set,
                                            int frames, const ProgressSink& progress,
                                            const LogSink& log, const WindowWork& work) {
-  try {
-    window.near_plane = bounds_->near_plane;
-    window.extent = bounds_->extent;
-    window.scene_radius = bounds_->radius;
-    std::copy_n(bounds_->centre, 3, window.scene_centre);
-    TrainedWindow out;
-    out.set = set;
-    STGS_ASSIGN(out.scene,
-                encoder::train(window, settings_for(frames, work), progress, log, &out.training,
-                               {&out.set, &backend_, window.time_base.seconds(frames)}));
-    return out;
-  } catch (const std::exception& error) {
-    return runtime_error("encoding the window after frame {} failed: {}", frames, error.what());
-  }
+  window.near_plane = bounds_->near_plane;
+  window.extent = bounds_->extent;
+  window.scene_radius = bounds_->radius;
+  std::copy_n(bounds_->centre, 3, window.scene_centre);
+  TrainedWindow out;
+  out.set = set;
+  STGS_ASSIGN(out.scene,
+              encoder::train(window, settings_for(frames, work), progress, log, &out.training,
+                             {&out.set, &backend_, window.time_base.seconds(frames)}));
+  return out;
 }
 
 }  // namespace stgs::encoder
