@@ -321,8 +321,9 @@ Status run(State& state) {
   STGS_TRY(hand_over_points(state));
   if (state.settings.write_report) {
     state.work.stage("report");
-    STGS_TRY(write_report(state.capture, state.views, state.scene, state.motion,
-                          state.static_points, state.dynamic_points, facts_of(state)));
+    STGS_TRY(write_report({state.capture, state.views, state.scene, state.motion,
+                           state.static_points, state.dynamic_points},
+                          facts_of(state), state.work));
   }
   log_timings(state);
   return {};
