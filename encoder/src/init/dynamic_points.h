@@ -19,7 +19,7 @@ struct DynamicFrame {
 struct DynamicSettings {
   int limit = 1000;     // points per frame
   int references = 8;   // number of views with a depth map
-  int max_side = 240;   // longer side of the sweeps, pixels
+  int max_side = 160;   // longer side of the sweeps, pixels: still 20 pixels per point
   int hull_side = 320;  // of the masks whose visual hull confines them
 };
 
