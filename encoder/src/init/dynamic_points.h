@@ -16,11 +16,14 @@ struct DynamicFrame {
   int checked = 0;  // points confirmed by another view
 };
 
+// Longer side of the sweeps, pixels. On the CPU there are still 20 pixels per point.
+inline constexpr int kCpuSweepSide = 160, kGpuSweepSide = 240;
+
 struct DynamicSettings {
-  int limit = 1000;     // points per frame
-  int references = 8;   // number of views with a depth map
-  int max_side = 240;   // longer side of the sweeps, pixels
-  int hull_side = 320;  // of the masks whose visual hull confines them
+  int limit = 1000;              // points per frame
+  int references = 8;            // number of views with a depth map
+  int max_side = kCpuSweepSide;  // of the sweeps
+  int hull_side = 320;           // of the masks whose visual hull confines them
 };
 
 class DynamicFinder {

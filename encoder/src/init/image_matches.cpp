@@ -14,7 +14,7 @@
 namespace stgs::encoder::init {
 namespace {
 
-constexpr std::size_t kMaxFeatures = 2000;  // per view
+constexpr std::size_t kMaxFeatures = 1500;  // per view
 constexpr double kContrast = 0.015;         // least contrast of a feature; OpenCV: 0.04
 constexpr int kPartners = 5;                // views by line of sight
 constexpr float kRatio = 0.8f;              // of the distances of the best match and the second

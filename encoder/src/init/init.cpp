@@ -183,6 +183,7 @@ Status find_dynamic(State& state) {
     STGS_ASSIGN(sweeper,
                 geometry::make_hull_sweeper(state.settings.backend, state.settings.gpu, log));
   }
+  settings.max_side = sweeper ? kGpuSweepSide : kCpuSweepSide;
   const DynamicFinder finder(state.capture, state.agreeing, state.scene, settings, sweeper.get());
   const std::vector<int> chosen = point_frames(state.capture.frames, state.settings.point_interval);
   STGS_TRY(state.work.for_each(int(chosen.size()), [&](int i) {
@@ -307,8 +308,9 @@ Status run(State& state) {
   STGS_TRY(hand_over_points(state));
   if (state.settings.write_report) {
     state.work.stage("report");
-    STGS_TRY(write_report(state.capture, state.views, state.scene, state.motion,
-                          state.static_points, state.dynamic_points, facts_of(state)));
+    STGS_TRY(write_report({state.capture, state.views, state.scene, state.motion,
+                           state.static_points, state.dynamic_points},
+                          facts_of(state), state.work));
   }
   log_times(state.work.timings(),
             [&](int level, const std::string& line) { state.work.log(line, level); });

@@ -137,58 +137,64 @@ ReportPage page_of(const PreparedCapture& capture, const ReportFacts& facts,
   return page;
 }
 
+// Writes the images of view i.
+Status write_section(const ReportContents& contents, int i, const std::string& folder,
+                     Section* section) {
+  const PreparedCapture& capture = contents.capture;
+  const View& view = contents.views[i];
+  const std::string& name = view.camera->name;
+  section->title = fmt::format("Camera {}", name);
+  const auto add = [&](const std::string& kind, const std::string& caption,
+                       const cv::Mat& image) -> Status {
+    const std::string file = fmt::format("{}_{}.png", name, kind);
+    section->images.emplace_back(file, caption);
+    return write_png(fmt::format("{}/{}", folder, file), image);
+  };
+  if (i < int(contents.motion.size()) && !contents.motion[i].background.empty()) {
+    STGS_TRY(add("background", "median background", contents.motion[i].background));
+  }
+  const std::vector<Surface>& surfaces = contents.scene.surfaces;
+  const auto surface = std::find_if(surfaces.begin(), surfaces.end(), [&](const Surface& one) {
+    return one.view.camera == view.camera;
+  });
+  if (surface != surfaces.end()) {
+    STGS_TRY(add("depth",
+                 "background depth (red: near, blue: far; darkened: interpolated, not measured)",
+                 depth_image(*surface, contents.scene.range)));
+  }
+  cv::Mat canvas(view.size(), CV_8UC3, cv::Scalar::all(0));
+  canvas = draw_points(view, contents.static_points, canvas, -1, 1);
+  STGS_TRY(add("static", "static points", canvas));
+  std::vector<int> frames{0, capture.frames / 2};
+  if (frames[1] == 0) frames.pop_back();
+  for (const int frame : frames) {
+    STGS_ASSIGN(const cv::Mat image, load_image(capture, view, frame));
+    STGS_ASSIGN(const cv::Mat mask, load_mask_image(capture, view, frame));
+    STGS_TRY(add(fmt::format("mask_{:06}", frame), fmt::format("dynamic content, frame {}", frame),
+                 overlay(image, mask)));
+    cv::Mat dim = image * 0.3;
+    dim = draw_points(view, contents.dynamic_points, dim, frame, 1);
+    draw_velocities(view, contents.dynamic_points, frame, &dim);
+    STGS_TRY(add(fmt::format("dynamic_{:06}", frame),
+                 fmt::format("dynamic points and their motion over 4 frames, frame {}", frame),
+                 dim));
+  }
+  return {};
+}
+
 }  // namespace
 
-Status write_report(const PreparedCapture& capture, const std::vector<View>& views,
-                    const StaticScene& scene, const std::vector<ViewMotion>& motion,
-                    const std::vector<InitialPoint>& static_points,
-                    const std::vector<InitialPoint>& dynamic_points, const ReportFacts& facts) {
-  const std::string folder = capture.folder + "/report";
+Status write_report(const ReportContents& contents, const ReportFacts& facts, Work& work) {
+  const std::string folder = contents.capture.folder + "/report";
   std::error_code error;
   std::filesystem::create_directories(folder, error);
   if (error) return io_error("{}: cannot create the folder: {}", folder, error.message());
-  std::vector<Section> sections;
-  std::vector<int> frames{0, capture.frames / 2};
-  if (frames[1] == 0) frames.pop_back();
-  for (const int i : spread(views, 4)) {
-    const View& view = views[i];
-    const std::string& name = view.camera->name;
-    Section section{fmt::format("Camera {}", name), {}};
-    const auto add = [&](const std::string& kind, const std::string& caption,
-                         const cv::Mat& image) -> Status {
-      const std::string file = fmt::format("{}_{}.png", name, kind);
-      section.images.emplace_back(file, caption);
-      return write_png(fmt::format("{}/{}", folder, file), image);
-    };
-    if (i < int(motion.size()) && !motion[i].background.empty()) {
-      STGS_TRY(add("background", "median background", motion[i].background));
-    }
-    const auto surface =
-        std::find_if(scene.surfaces.begin(), scene.surfaces.end(),
-                     [&](const Surface& one) { return one.view.camera == view.camera; });
-    if (surface != scene.surfaces.end()) {
-      STGS_TRY(add("depth",
-                   "background depth (red: near, blue: far; darkened: interpolated, not measured)",
-                   depth_image(*surface, scene.range)));
-    }
-    cv::Mat canvas(view.size(), CV_8UC3, cv::Scalar::all(0));
-    canvas = draw_points(view, static_points, canvas, -1, 1);
-    STGS_TRY(add("static", "static points", canvas));
-    for (const int frame : frames) {
-      STGS_ASSIGN(const cv::Mat image, load_image(capture, view, frame));
-      STGS_ASSIGN(const cv::Mat mask, load_mask_image(capture, view, frame));
-      STGS_TRY(add(fmt::format("mask_{:06}", frame),
-                   fmt::format("dynamic content, frame {}", frame), overlay(image, mask)));
-      cv::Mat dim = image * 0.3;
-      dim = draw_points(view, dynamic_points, dim, frame, 1);
-      draw_velocities(view, dynamic_points, frame, &dim);
-      STGS_TRY(add(fmt::format("dynamic_{:06}", frame),
-                   fmt::format("dynamic points and their motion over 4 frames, frame {}", frame),
-                   dim));
-    }
-    sections.push_back(std::move(section));
-  }
-  return page_of(capture, facts, sections).write(folder);
+  const std::vector<int> chosen = spread(contents.views, 4);
+  std::vector<Section> sections(chosen.size());
+  STGS_TRY(work.for_each(int(chosen.size()), [&](int k) {
+    return write_section(contents, chosen[k], folder, &sections[k]);
+  }));
+  return page_of(contents.capture, facts, sections).write(folder);
 }
 
 }  // namespace stgs::encoder::init

@@ -20,11 +20,17 @@ struct ReportFacts {
   std::vector<StageTime> stages;
 };
 
+// References to the results that a report shows.
+struct ReportContents {
+  const PreparedCapture& capture;
+  const std::vector<View>& views;
+  const StaticScene& scene;
+  const std::vector<ViewMotion>& motion;
+  const std::vector<InitialPoint>&static_points, &dynamic_points;
+};
+
 // Writes report/index.html and its images: a verdict, a map of the cameras, mask overlays, static
 // points and depth, dynamic points with their velocities.
-Status write_report(const PreparedCapture& capture, const std::vector<View>& views,
-                    const StaticScene& scene, const std::vector<ViewMotion>& motion,
-                    const std::vector<InitialPoint>& static_points,
-                    const std::vector<InitialPoint>& dynamic_points, const ReportFacts& facts);
+Status write_report(const ReportContents& contents, const ReportFacts& facts, Work& work);
 
 }  // namespace stgs::encoder::init
