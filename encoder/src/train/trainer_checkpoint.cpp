@@ -79,4 +79,22 @@ std::string Trainer::resume_hint() const {
                       : fmt::format("resume with --resume {}", from);
 }
 
+// The part that must be identical on all ranks. It excludes the images, which may be copies.
+Fingerprint Trainer::settings_fingerprint() const {
+  Fingerprint all = fingerprint_of(parameters_, settings_);
+  const Fingerprint capture = fingerprint_of(capture_);
+  all.insert(all.end(), capture.begin(), capture.end());
+  all.emplace_back("perceptual weights", perceptual_.fingerprint());
+  all.emplace_back("free space", fingerprint_of(free_space_));
+  all.emplace_back(kProcessesEntry, fmt::format("{}", ranks_.size()));
+  return all;
+}
+
+Fingerprint Trainer::fingerprint() const {
+  Fingerprint all = settings_fingerprint();
+  all.insert(all.end(), image_fingerprint_.begin(), image_fingerprint_.end());
+  all.emplace_back(kBackendEntry, backend_->name());
+  return all;
+}
+
 }  // namespace stgs::encoder
