@@ -13,7 +13,7 @@ class UsageMessages(CliTest):
         tiny = self.fixture("tiny.stgs")
         self.fails(USAGE, r"FILE is required; usage: stgs render FILE -o OUTPUT \(see 'stgs render "
                           r"--help'\)$", "render", "--time", "0", "-o", "x.png")
-        self.fails(USAGE, r"--output is required; usage: stgs pack SCENE\.\.\. -o OUTPUT", "pack",
+        self.fails(USAGE, r"--output is required; usage: stgs pack SCENE -o OUTPUT", "pack",
                    tiny, "x.stgs")
         self.fails(USAGE, "DIR, the prepared capture, is required; usage: stgs train DIR -o OUTPUT",
                    "train", "-o", "x.stgs")

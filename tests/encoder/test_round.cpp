@@ -100,7 +100,8 @@ struct Processes {
     auto second = encoder->train_window(window_of(synthetic, 1), nullptr, nullptr);
     REQUIRE(second.ok());
     round[0] = std::move(*second);
-    const auto third = worker->train_window(window_of(synthetic, 2), kWindow, nullptr, nullptr);
+    const auto third =
+        worker->train_window(window_of(synthetic, 2), {kWindow, 3 * kWindow}, nullptr, nullptr);
     INFO(third.status().message());
     REQUIRE(third.ok());
     const std::string path = folder + "/trained";
@@ -253,8 +254,8 @@ TEST_CASE("a member that a window of a round ends remains for the later ones") {
 TEST_CASE("a trained window that is damaged or of other settings is refused") {
   const SyntheticCapture synthetic(4, kFrames);
   Processes processes(synthetic, "files");
-  const auto trained =
-      processes.worker->train_window(window_of(synthetic, 1), kWindow, nullptr, nullptr);
+  const auto trained = processes.worker->train_window(window_of(synthetic, 1),
+                                                      {kWindow, 2 * kWindow}, nullptr, nullptr);
   REQUIRE(trained.ok());
   const std::string path = processes.folder + "/trained";
   REQUIRE(write_trained_window(path, *trained, false).ok());

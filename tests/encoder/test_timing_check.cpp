@@ -86,6 +86,15 @@ TEST_CASE(
     calibration.outliers.emplace_back().view = 2;
     CHECK(check(write(folder, rig, 2, 2), calibration).empty());
   }
+  SECTION("moving content without features") {
+    const PreparedCapture capture = write(folder, rig, 2, 2);
+    for (const Camera& camera : capture.cameras) {
+      const cv::Mat plain(camera.height, camera.width, CV_8UC3, cv::Scalar(90, 90, 90));
+      for (int f = 0; f < capture.frames; ++f)
+        REQUIRE(write_png(capture.frame_path(camera, f), plain).ok());
+    }
+    CHECK(check(capture).empty());
+  }
   SECTION("still") {
     rig.velocity = {0, 0, 0};
     CHECK(check(write(folder, rig, 2, 2)).empty());

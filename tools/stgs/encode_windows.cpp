@@ -164,8 +164,8 @@ class WindowLoop {
     Result<encoder::TrainedWindow> window =
         encoder_ != nullptr
             ? encoder_->train_window(prepared.capture, progress_sink(), session_.log_sink())
-            : worker_->train_window(prepared.capture, windows()[round.first].begin, progress_sink(),
-                                    session_.log_sink());
+            : worker_->train_window(prepared.capture, {windows()[round.first].begin, span.end},
+                                    progress_sink(), session_.log_sink());
     if (!window.ok()) return cause_of(window.status());
     std::error_code ignored;
     fs::remove_all(prepared.capture.folder, ignored);

@@ -46,9 +46,10 @@ Result<Features> moving_features(const PreparedCapture& capture, const View& vie
                                 moving.height + 2 * kMargin) &
                        cv::Rect({0, 0}, mask.size());
   Features out = find_features(image(box), 4 * kMaxMoving, mask(box));
-  const std::size_t count = std::min(out.points.size(), kMaxMoving);
-  out.points.resize(count);
-  out.descriptors = out.descriptors.rowRange(0, static_cast<int>(count));
+  if (out.points.size() > kMaxMoving) {
+    out.points.resize(kMaxMoving);
+    out.descriptors = out.descriptors.rowRange(0, static_cast<int>(kMaxMoving));
+  }
   for (cv::Point2d& point : out.points) point += cv::Point2d(box.tl());
   return out;
 }

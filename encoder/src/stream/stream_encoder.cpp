@@ -184,7 +184,7 @@ Result<TrainedWindow> StreamEncoder::train_window(const PreparedCapture& window,
       STGS_TRY(write_prepared_capture(first));
       trainer_->take_bounds(first);
     }
-    return trainer_->train(window, set_, frames(), progress, log, work);
+    return trainer_->train(window, set_, {frames(), frames() + window.frames}, progress, log, work);
   } catch (const std::exception& error) {
     return runtime_error("encoding the window after frame {} failed: {}", frames(), error.what());
   }

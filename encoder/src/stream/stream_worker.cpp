@@ -27,17 +27,17 @@ Result<std::unique_ptr<StreamWorker>> StreamWorker::open(const std::string& fold
       new StreamWorker(folder, std::make_unique<WindowTrainer>(std::move(trainer))));
 }
 
-Result<TrainedWindow> StreamWorker::train_window(const PreparedCapture& window, int frames,
+Result<TrainedWindow> StreamWorker::train_window(const PreparedCapture& window, FrameSpan frames,
                                                  const ProgressSink& progress, const LogSink& log) {
   try {
     if (!trainer_->has_bounds()) {
       STGS_ASSIGN(const PreparedCapture first, read_prepared_capture(folder_));
       trainer_->take_bounds(first);
     }
-    STGS_ASSIGN(const PersistentSet set, PersistentSet::read(set_path_of(folder_, frames)));
+    STGS_ASSIGN(const PersistentSet set, PersistentSet::read(set_path_of(folder_, frames.begin)));
     return trainer_->train(window, set, frames, progress, log, {});
   } catch (const std::exception& error) {
-    return runtime_error("training a window after frame {} failed: {}", frames, error.what());
+    return runtime_error("training a window after frame {} failed: {}", frames.begin, error.what());
   }
 }
 

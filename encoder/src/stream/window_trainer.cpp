@@ -90,7 +90,7 @@ TrainSettings WindowTrainer::settings_for(int frames, const WindowWork& work) co
 }
 
 Result<TrainedWindow> WindowTrainer::train(PreparedCapture window, const PersistentSet& set,
-                                           int frames, const ProgressSink& progress,
+                                           FrameSpan frames, const ProgressSink& progress,
                                            const LogSink& log, const WindowWork& work) {
   window.near_plane = bounds_->near_plane;
   window.extent = bounds_->extent;
@@ -99,8 +99,9 @@ Result<TrainedWindow> WindowTrainer::train(PreparedCapture window, const Persist
   TrainedWindow out;
   out.set = set;
   STGS_ASSIGN(out.scene,
-              encoder::train(window, settings_for(frames, work), progress, log, &out.training,
-                             {&out.set, &backend_, window.time_base.seconds(frames)}));
+              encoder::train(window, settings_for(frames.begin, work), progress, log, &out.training,
+                             {&out.set, &backend_, window.time_base.seconds(frames.begin),
+                              window.time_base.seconds(frames.end)}));
   return out;
 }
 

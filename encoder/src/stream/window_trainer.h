@@ -6,6 +6,7 @@
 #include <optional>
 #include <string>
 
+#include "stgs/encoder/prepare.h"
 #include "stgs/encoder/prepared_capture.h"
 #include "stgs/encoder/stream_encoder.h"
 #include "stgs/encoder/trained_window.h"
@@ -31,9 +32,9 @@ class WindowTrainer {
   bool has_bounds() const { return bounds_.has_value(); }
   void take_bounds(const PreparedCapture& first);
 
-  // Trains the window that begins after `frames` frames, against a set that is unchanged.
-  // take_bounds() must have been called.
-  Result<TrainedWindow> train(PreparedCapture window, const PersistentSet& set, int frames,
+  // Trains a window against a set that is unchanged. `frames`: from the end of the recording that
+  // the set is of to the end of the window. take_bounds() must have been called.
+  Result<TrainedWindow> train(PreparedCapture window, const PersistentSet& set, FrameSpan frames,
                               const ProgressSink& progress, const LogSink& log,
                               const WindowWork& work);
 

@@ -18,7 +18,8 @@ inline constexpr double kSettleSeconds = 60, kJoinShare = 0.02;
 inline constexpr double kLateInterval = 30, kLateShare = 0.01;
 inline constexpr double kChangedShare = 0.1;
 
-// A window of a recording, seconds since its start.
+// The time from when the set was recorded to the end of a window, seconds since the start of the
+// recording.
 struct RecordedSpan {
   double begin = 0, end = 0;
 };
@@ -28,6 +29,6 @@ struct RecordedSpan {
 // and the first candidates count as the most important.
 std::vector<std::uint32_t> choose_joining(const std::vector<std::uint32_t>& candidates,
                                           std::size_t stored, std::span<const float> importance,
-                                          const RecordedSpan& window);
+                                          const RecordedSpan& since_set);
 
 }  // namespace stgs::encoder

@@ -50,7 +50,7 @@ Result<std::unique_ptr<Trainer>> Trainer::create(const PreparedCapture& capture,
   STGS_TRY(check_frame_files(capture, capture.cameras));
   std::unique_ptr<Trainer> trainer(new Trainer(capture, settings, progress, log));
   trainer->persistent_ = window.persistent;
-  trainer->window_begin_ = window.begin;
+  trainer->recorded_ = {window.begin, window.end};
   if (settings.foreground) {
     STGS_TRY(check_masks(capture));
     trainer->capture_.mask_background = kMaskBackground;

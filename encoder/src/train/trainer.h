@@ -48,8 +48,6 @@ class Trainer {
  private:
   Result<Scene> scene();
   void find_persistent(PersistentSet& set);
-  // Returns the time of this window in the recording.
-  RecordedSpan recorded_span() const;
   Trainer(const PreparedCapture& capture, const TrainSettings& settings, ProgressSink progress,
           LogSink log);
 
@@ -168,7 +166,7 @@ class Trainer {
   int evaluations_due() const;
 
   const PersistentSet* persistent_ = nullptr;  // null: not a window of a longer capture
-  double window_begin_ = 0;                    // seconds since the start of the recording
+  RecordedSpan recorded_;                      // since the set was recorded
   SceneChanges changes_;                       // of the persistent set in this window
   std::vector<int> ends_;                      // of each fixed primitive: the frame, or -1
   std::vector<std::uint32_t> stored_;          // in the set for the first time, ascending

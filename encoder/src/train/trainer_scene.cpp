@@ -62,10 +62,6 @@ Result<std::vector<float>> Trainer::importance() {
                        state_.iteration, resume_hint());
 }
 
-RecordedSpan Trainer::recorded_span() const {
-  return {window_begin_, window_begin_ + capture_.time_base.seconds(capture_.frames)};
-}
-
 void Trainer::find_persistent(PersistentSet& set) {
   // Ascending, then with the stored primitives first.
   const int first = std::max(changes_.settled, 0);
@@ -91,7 +87,7 @@ void Trainer::find_persistent(PersistentSet& set) {
   stored_ = list_still(capture_, state_.set, found);
   // Content that has just changed is stored once it has been visible for a complete window.
   if (first > 0) stored_.clear();
-  stored_ = choose_joining(stored_, fixed.size(), state_.compaction.importance, recorded_span());
+  stored_ = choose_joining(stored_, fixed.size(), state_.compaction.importance, recorded_);
   persistent = fixed;
   persistent.insert(persistent.end(), stored_.begin(), stored_.end());
   std::set_difference(found.begin(), found.end(), stored_.begin(), stored_.end(),

@@ -5,6 +5,7 @@
 #include <memory>
 #include <string>
 
+#include "stgs/encoder/prepare.h"
 #include "stgs/encoder/stream_encoder.h"
 #include "stgs/encoder/trained_window.h"
 
@@ -21,9 +22,9 @@ class StreamWorker {
                                                     const StreamSettings& settings);
   ~StreamWorker();
 
-  // Trains a window of the round that begins after `frames` frames, more than 0, against the
-  // persistent set that the folder has for this frame.
-  Result<TrainedWindow> train_window(const PreparedCapture& window, int frames,
+  // Trains a window against the persistent set that the folder has for the begin of its round.
+  // `frames`: of the recording, from there, more than 0, to the end of the window.
+  Result<TrainedWindow> train_window(const PreparedCapture& window, FrameSpan frames,
                                      const ProgressSink& progress, const LogSink& log);
 
  private:

@@ -155,7 +155,9 @@ struct TrainReport {
 struct WindowState {
   PersistentSet* persistent = nullptr;               // persistent_set.h
   std::shared_ptr<TrainBackend>* backend = nullptr;  // with its memory; may point to null
-  double begin = 0;                                  // seconds since the start of the recording
+  // From the end of the recording that the set is of to the end of the window, seconds since the
+  // start of the recording.
+  double begin = 0, end = 0;
 };
 
 // Trains and returns the lossless scene. With several ranks, only rank 0's scene has importances.
