@@ -21,10 +21,15 @@ Checksum checksum_of(std::span<const std::uint8_t> bytes) {
 }  // namespace
 
 ArchiveWriter::ArchiveWriter(const ArchiveKind& kind)
-    : bytes_(kind.magic, kind.magic + kMagicBytes) {}
+    : kind_(kind), bytes_(kind.magic, kind.magic + kMagicBytes) {}
 
 Status ArchiveWriter::save(const std::string& path) {
   value(checksum_of(bytes_));
+  if (kind_.max_bytes > 0 && bytes_.size() > kind_.max_bytes) {
+    return unsupported(
+        "{}: the {} takes {} bytes (expected at most {}); use fewer cameras or points", path,
+        kind_.noun, bytes_.size(), kind_.max_bytes);
+  }
   return write_file_atomically(path, bytes_);
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Files in which the processes of one run keep their state: fields in native byte order, then a
+// Files that only stgs reads, such as checkpoints: fields in native byte order, then a
 // checksum. Every array is preceded by its length, which a reader compares with the bytes that
 // remain before it allocates.
 #pragma once
@@ -26,6 +26,7 @@ struct ArchiveKind {
 
 class ArchiveWriter {
  public:
+  // `kind` must outlive the object.
   explicit ArchiveWriter(const ArchiveKind& kind);
 
   template <typename T>
@@ -42,11 +43,12 @@ class ArchiveWriter {
     const auto* p = reinterpret_cast<const std::uint8_t*>(v.data());
     bytes_.insert(bytes_.end(), p, p + v.size() * sizeof(T));
   }
-  // Writes the fields under a temporary name, then renames. kIo on failure. Only the destructor may
-  // follow.
+  // Writes the fields under a temporary name, then renames. kIo on failure; kUnsupported for a
+  // larger file than a reader accepts. Only the destructor may follow.
   Status save(const std::string& path);
 
  private:
+  const ArchiveKind& kind_;
   std::vector<std::uint8_t> bytes_;
 };
 
@@ -68,6 +70,7 @@ class ArchiveReader {
     static_assert(std::is_trivially_copyable_v<T>);
     std::uint64_t n = 0;
     value(n);
+    if (failed_) return;
     if (n > left().size() / sizeof(T)) {
       failed_ = true;
       return;

@@ -32,7 +32,7 @@ int main() {
   const std::vector<StereoView> views = rig();
   const double on_cpu = shortest(views, *make_cpu_matcher());
   std::printf("cpu, one thread: %.4f s\n", on_cpu);
-  const auto cuda = make_cuda_matcher();
+  const auto cuda = make_cuda_matcher(0);
   if (!cuda.ok()) {
     std::printf("cuda: %s\n", cuda.status().message().c_str());
     return 77;

@@ -2,6 +2,7 @@
 """Windows of a long capture that several processes encode: `mpirun stgs encode --window`."""
 import json
 import os
+import shutil
 import signal
 import subprocess
 import unittest
@@ -26,7 +27,7 @@ class EncodeRanks(MpiTest):
         return self.json_of("evaluate", scene, "--against", "prepared", "--backend", "cpu")["psnr"]
 
     def killed(self, output):
-        """Kills the second process when the second window has begun; returns its bytes' folder."""
+        """Kills the second process when the second window has begun; the first window is complete."""
         command = [*MPIRUN, "-np", "2", harness.STGS, *self.encode(output, "--log-level", "info")]
         with subprocess.Popen(command, cwd=self.work, env=self.environment, stderr=subprocess.PIPE,
                               text=True) as process:
@@ -39,6 +40,13 @@ class EncodeRanks(MpiTest):
         self.assertNotEqual(process.returncode, 0)
         self.assertFalse(os.path.exists(self.path(output)))
         self.assertTrue(os.path.exists(self.path(output + ".work/persistent-0000008.set")))
+
+    def test_a_capture_without_a_calibration_is_refused(self):
+        shutil.copytree(harness.sample(), self.path("videos"))
+        os.remove(self.path("videos/poses_bounds.npy"))
+        command = self.encode("out.stgs")
+        command[1] = "videos"
+        self.both_fail(USAGE, "videos: has no calibration, .*copy rig.json", command)
 
     def test_two_processes_encode_as_well_as_one(self):
         self.succeeds("prepare", harness.sample(), "-o", "prepared", "--scale", "0.1", "--backend", "cpu")

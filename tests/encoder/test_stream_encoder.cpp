@@ -59,6 +59,20 @@ std::string new_folder(const SyntheticCapture& synthetic, const std::string& nam
 
 }  // namespace
 
+TEST_CASE("a folder without a complete window starts any run") {
+  const SyntheticCapture synthetic(4, kFrames);
+  const std::string folder = new_folder(synthetic, "folder");
+  (void)open(folder, settings_of());
+  encode_next(*open(folder, settings_of("another")), synthetic.capture);
+  CHECK(StreamEncoder::open(folder, settings_of()).status().code() == StatusCode::kUsage);
+  // A run that was killed while it removed its folder can leave its set.
+  std::filesystem::remove(folder + "/recording.stgs");
+  CHECK(open(folder, settings_of())->frames() == 0);
+  CHECK_FALSE(std::filesystem::exists(folder + "/persistent-0000006.set"));
+  encode_next(*open(folder, settings_of()), synthetic.capture);
+  CHECK(open(folder, settings_of())->frames() == kWindow);
+}
+
 TEST_CASE("windows share static content, and an interrupted encoding resumes to the same bytes") {
   const SyntheticCapture synthetic(4, kFrames);
   const PreparedCapture& complete = synthetic.capture;

@@ -18,7 +18,7 @@ namespace {
 constexpr int kWidth = 200;
 
 std::unique_ptr<geometry::HullSweeper> on_gpu() {
-  auto sweeper = geometry::make_cuda_hull_sweeper();
+  auto sweeper = geometry::make_cuda_hull_sweeper(0);
   INFO(sweeper.status().message());
   REQUIRE(sweeper.ok());
   return std::move(*sweeper);

@@ -12,7 +12,7 @@ using namespace stgs::testing;
 namespace {
 
 std::unique_ptr<ViewMatcher> on_gpu() {
-  auto matcher = make_cuda_matcher();
+  auto matcher = make_cuda_matcher(0);
   INFO(matcher.status().message());
   REQUIRE(matcher.ok());
   return std::move(*matcher);

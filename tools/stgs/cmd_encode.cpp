@@ -67,10 +67,9 @@ class Encode final : public Command {
   void declare(Arguments& app) override {
     app.add_option("CAPTURE", capture_, "Folder of videos or images")->required();
     app.add_option("-o,--output", output_, "Output file (.stgs)")->required();
-    app.add_option(
-        "--keep-work", keep_work_,
-        "Keep prepared/ and trained.stgs in this folder, also for --resume; with --window, "
-        "the state of the run");
+    app.add_option("--keep-work", keep_work_,
+                   "Keep prepared/ and trained.stgs in this folder, also for --resume; in windows, "
+                   "the state of the run");
     app.add_option("--window", window_,
                    "Encode windows of this many frames, at least 8, which share static content; 0: "
                    "all frames at once. Default: 2 seconds, but 8 to 300 frames, for more than 300 "
@@ -194,10 +193,15 @@ class Encode final : public Command {
   // Encodes the windows of a long capture.
   Status encode_all(encoder::WindowPreparer& windows, const encoder::TrainSettings& training,
                     Session& session) const {
+    const int evaluations = training.held_out_evaluations;
+    const bool evaluations_are_set =
+        evaluations != 0 && evaluations != encoder::TrainSettings().held_out_evaluations;
     if (!training.checkpoint.empty() || !training.log_path.empty() || !train_.report().empty() ||
-        training.target_size > 0 || training.target_kbps > 0 || training.max_seconds > 0) {
+        training.target_size > 0 || training.target_kbps > 0 || training.max_seconds > 0 ||
+        evaluations_are_set) {
       return usage_error(
-          "{}: --checkpoint, --log, --report, --max-seconds, --target-kbps and --target-size need "
+          "{}: --checkpoint, --log, --report, --max-seconds, --num-evals, --target-kbps and "
+          "--target-size need "
           "all frames at once; remove them, or add --window 0 to encode {} frames at once (an "
           "interrupted run in windows resumes without a checkpoint)",
           capture_, windows.windows().back().end);

@@ -196,9 +196,10 @@ class Live final : public Command {
 
   void report_window(const encoder::LiveWindow& window, Session& session) {
     if (log_.is_open()) log_ << json_text(json_of(window)) << '\n' << std::flush;
-    session.log(2, fmt::format("frames {}:{}: latency {:.2f} s, {}, {:.1f} dB, {}, {} ({} waiting)",
+    const std::string psnr = window.psnr == 0 ? "" : fmt::format(", {:.1f} dB", window.psnr);
+    session.log(2, fmt::format("frames {}:{}: latency {:.2f} s, {}{}, {}, {} ({} waiting)",
                                window.first_frame, window.first_frame + window.frames,
-                               window.latency, plural(window.iterations, "step"), window.psnr,
+                               window.latency, plural(window.iterations, "step"), psnr,
                                plural(window.primitives, "primitive"), human_bytes(window.bytes),
                                window.waiting));
   }
@@ -229,7 +230,7 @@ class Live final : public Command {
                        {"primitives", report.primitives},
                        {"persistent", report.persistent},
                        {"bytes", bytes},
-                       {"psnr", report.psnr},
+                       {"psnr", report.psnr == 0 ? Json() : Json(report.psnr)},
                        {"scale", report.scale},
                        {"latency",
                         {{"median", report.latency_median},

@@ -20,7 +20,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// What the names of prepared windows, and of trained ones, in the work folder begin with.
+// Prefixes of prepared and of trained windows in the work folder.
 constexpr const char* kPrepared = "window-";
 constexpr const char* kTrained = "trained-";
 
@@ -181,6 +181,10 @@ class WindowLoop {
     for (std::size_t k = 1; k < round.size; ++k) {
       STGS_ASSIGN(encoder::TrainedWindow window,
                   encoder::read_trained_window(path_of(round.first + k), k + 1 == round.size));
+      const encoder::FrameSpan& span = windows()[round.first + k];
+      if (window.frames() != span.size())
+        return invalid_file("{}: has {} frames (expected {}); run the same command again",
+                            path_of(round.first + k), window.frames(), span.size());
       trained.push_back(std::move(window));
     }
     STGS_ASSIGN(std::vector<encoder::StreamWindow> recorded, encoder_->append(std::move(trained)));
@@ -238,10 +242,11 @@ class WindowLoop {
 void remove_leftovers(const std::string& work) {
   std::error_code ignored;
   std::vector<fs::path> found;
-  for (const auto& entry : fs::directory_iterator(work, ignored)) {
-    std::string name = entry.path().filename().string();
+  fs::directory_iterator entries(work, ignored);
+  for (; !ignored && entries != fs::directory_iterator(); entries.increment(ignored)) {
+    std::string name = entries->path().filename().string();
     if (name.starts_with('.')) name.erase(0, 1);
-    if (name.starts_with(kPrepared) || name.starts_with(kTrained)) found.push_back(entry.path());
+    if (name.starts_with(kPrepared) || name.starts_with(kTrained)) found.push_back(entries->path());
   }
   for (const fs::path& path : found) fs::remove_all(path, ignored);
 }
@@ -316,7 +321,7 @@ Status encode_windows(encoder::WindowPreparer& preparer, const encoder::StreamSe
   preparer.keep_analysis(work + "/first-window.analysis");
   WindowLoop loop(preparer, encoder.get(), worker.get(), work, session);
   const Status encoded = loop.run(frames.front());
-  if (!encoded.ok() && interrupted()) {
+  if (encoded.code() == StatusCode::kRuntime && interrupted()) {
     return runtime_error("{}: incomplete; run the same command again to continue after frame {}",
                          output, loop.frames());
   }

@@ -99,6 +99,7 @@ Result<std::unique_ptr<encoder::WindowPreparer>> open_stage(
   STGS_ASSIGN(encoder::PrepareSettings settings, options.settings(session.options));
   settings.accept = accept;
   settings.share = session.machine_share();
+  settings.may_calibrate = session.world() == nullptr;
   keep_freed_memory();
   return open_windows(capture, settings, window, session);
 }

@@ -58,7 +58,7 @@ class Rig final : public LivePreparer {
 
   Status open(const std::vector<RigCamera>& cameras, double fps) {
     STGS_ASSIGN(source_, source_of(cameras));
-    return take_cameras(fps);
+    return take_cameras(fps, {});
   }
 
   Status open(double fps, const LogSink& log) {
@@ -69,7 +69,7 @@ class Rig final : public LivePreparer {
           "synchronise them and remove the file",
           name_);
     }
-    return take_cameras(fps);
+    return take_cameras(fps, log);
   }
 
   Status choose_backend(const LogSink& log) {
@@ -167,7 +167,11 @@ class Rig final : public LivePreparer {
     return usage_error("{}: its cameras have no sources; push their frames", name_);
   }
 
-  Status take_cameras(double fps) {
+  Status take_cameras(double fps, const LogSink& log) {
+    for (const SourceCamera& camera : source_.cameras) {
+      if (camera.test && log)
+        log(2, fmt::format("camera '{}' is held out (\"test\" in {})", camera.name, name_));
+    }
     std::erase_if(source_.cameras, [](const SourceCamera& camera) { return camera.test; });
     if (source_.cameras.size() < 2) {
       return invalid_file("{}: {} that is not held out (expected at least 2)", name_,

@@ -74,8 +74,9 @@ Status check(const PrepareSettings& settings) {
 // Also reports an unavailable backend, even if the rig turns out to need no stereo.
 Status check_all(const PrepareSettings& settings) {
   STGS_TRY(check(settings));
-  return settings.backend == "auto" ? Status()
-                                    : geometry::make_matcher(settings.backend, {}).status();
+  return settings.backend == "auto"
+             ? Status()
+             : geometry::make_matcher(settings.backend, settings.share.index, {}).status();
 }
 
 // Allows replacing a prepared capture or an empty folder, but never the source capture.

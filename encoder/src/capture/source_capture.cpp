@@ -90,7 +90,7 @@ Result<SourceCapture> load(Layout layout, const std::shared_ptr<const CaptureFol
     case Layout::kColmap:
       return load_colmap(*files);
     case Layout::kVideos:
-      return load_videos(files, settings.first_frame, progress, log);
+      return load_videos(files, settings, progress, log);
     case Layout::kAuto:
       break;
   }

@@ -90,7 +90,7 @@ Result<SourceCapture> load_easyvolcap(const CaptureFolder& files);
 Result<SourceCapture> load_colmap(const CaptureFolder& files);
 Result<SourceCapture> load_nerfstudio(const CaptureFolder& files, const LogSink& log);
 Result<SourceCapture> load_videos(const std::shared_ptr<const CaptureFolder>& files,
-                                  int first_frame, const ProgressSink& progress,
+                                  const PrepareSettings& settings, const ProgressSink& progress,
                                   const LogSink& log);
 
 // Reads the cameras of a rig that films now: a file in the format of cameras.json, whose cameras

@@ -133,7 +133,7 @@ Status with_ignored_files(const Status& status, const std::vector<std::string>& 
 }  // namespace
 
 Result<SourceCapture> load_videos(const std::shared_ptr<const CaptureFolder>& files,
-                                  int first_frame, const ProgressSink& progress,
+                                  const PrepareSettings& settings, const ProgressSink& progress,
                                   const LogSink& log) {
   const std::string& folder = files->path();
   SourceCapture capture;
@@ -156,7 +156,14 @@ Result<SourceCapture> load_videos(const std::shared_ptr<const CaptureFolder>& fi
       return capture;
     }
     capture.cameras = std::move(found);
-    STGS_TRY(with_ignored_files(calibrate(first_frame, capture, progress, log), search.ignored));
+    if (!settings.may_calibrate) {
+      return usage_error(
+          "{}: has no calibration, and several processes cannot share that of COLMAP; run 'stgs "
+          "prepare' on a few frames of it, and copy rig.json from there to {}/cameras.json",
+          folder, folder);
+    }
+    STGS_TRY(with_ignored_files(calibrate(settings.first_frame, capture, progress, log),
+                                search.ignored));
   }
   return capture;
 }

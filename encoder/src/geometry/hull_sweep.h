@@ -68,6 +68,6 @@ class HullSweeper {
 };
 
 // On GPU number `gpu` modulo the number of GPUs. kNotBuilt without CUDA, kUnsupported without one.
-Result<std::unique_ptr<HullSweeper>> make_cuda_hull_sweeper(int gpu = 0);
+Result<std::unique_ptr<HullSweeper>> make_cuda_hull_sweeper(int gpu);
 
 }  // namespace stgs::encoder::geometry

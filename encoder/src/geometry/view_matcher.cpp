@@ -10,7 +10,7 @@ Status no_cuda() {
 }
 }  // namespace
 
-Result<std::unique_ptr<ViewMatcher>> make_cuda_matcher() {
+Result<std::unique_ptr<ViewMatcher>> make_cuda_matcher(int) {
   return no_cuda();
 }
 Result<std::unique_ptr<HullSweeper>> make_cuda_hull_sweeper(int) {
@@ -37,15 +37,16 @@ Status unknown_backend(const std::string& backend) {
 
 }  // namespace
 
-std::future<void> start_gpu(const std::string& backend) {
+std::future<void> start_gpu(const std::string& backend, int gpu) {
   if (backend == "cpu") return {};
-  return std::async(std::launch::async, [] { (void)make_cuda_hull_sweeper(); });
+  return std::async(std::launch::async, [gpu] { (void)make_cuda_hull_sweeper(gpu); });
 }
 
-Result<std::unique_ptr<ViewMatcher>> make_matcher(const std::string& backend, const LogSink& log) {
+Result<std::unique_ptr<ViewMatcher>> make_matcher(const std::string& backend, int gpu,
+                                                  const LogSink& log) {
   if (backend == "cpu") return make_cpu_matcher();
   if (backend != "cuda" && backend != "auto") return unknown_backend(backend);
-  STGS_ASSIGN(auto cuda, if_usable(make_cuda_matcher(), backend, "stereo", log));
+  STGS_ASSIGN(auto cuda, if_usable(make_cuda_matcher(gpu), backend, "stereo", log));
   return cuda ? std::move(cuda) : make_cpu_matcher();
 }
 

@@ -33,13 +33,14 @@ class ViewMatcher {
 
 // Starts the GPU of a backend on another thread, which takes some tenths of a second. No effect
 // without one: the functions below report it.
-std::future<void> start_gpu(const std::string& backend);
+std::future<void> start_gpu(const std::string& backend, int gpu);
 
 std::unique_ptr<ViewMatcher> make_cpu_matcher();
 // kNotBuilt without CUDA, kUnsupported without a GPU.
-Result<std::unique_ptr<ViewMatcher>> make_cuda_matcher();
+Result<std::unique_ptr<ViewMatcher>> make_cuda_matcher(int gpu);
 // `backend`: "cpu", "cuda" or "auto", which is CUDA if it can be used.
-Result<std::unique_ptr<ViewMatcher>> make_matcher(const std::string& backend, const LogSink& log);
+Result<std::unique_ptr<ViewMatcher>> make_matcher(const std::string& backend, int gpu,
+                                                  const LogSink& log);
 // The same for sweeps in the visual hull, but returns null for the CPU.
 Result<std::unique_ptr<HullSweeper>> make_hull_sweeper(const std::string& backend, int gpu,
                                                        const LogSink& log);

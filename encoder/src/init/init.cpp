@@ -154,7 +154,8 @@ Status find_static(State& state) {
   // Started here, because stereo on a GPU leaves the CPU idle.
   if (state.settings.separate_motion && !state.settings.live)
     state.timing.start(state.capture, state.views, state.calibration);
-  return refine_static_depth(backgrounds[0], state.settings.backend, state.work, &state.scene);
+  return refine_static_depth(backgrounds[0], state.settings.backend, state.settings.gpu, state.work,
+                             &state.scene);
 }
 
 Status choose_static(State& state) {
@@ -282,7 +283,7 @@ Status hand_over_points(const State& state) {
 }
 
 Status run(State& state) {
-  const std::future<void> gpu = geometry::start_gpu(state.settings.backend);
+  const std::future<void> gpu = geometry::start_gpu(state.settings.backend, state.settings.gpu);
   state.views = motion_views(state);
   if (state.views.empty()) {
     return usage_error("{}: every camera is held out; leave some for training (--test-cameras)",

@@ -31,7 +31,7 @@ struct InitSettings {
   int max_static_points = 0;     // 0: derived from the image size
   std::uint64_t seed = 1;        // equal seeds give equal bytes with one backend
   std::string backend = "auto";  // of stereo and of dynamic points: auto, cpu or cuda
-  int gpu = 0;                   // of dynamic points, modulo the number of GPUs
+  int gpu = 0;                   // of stereo and dynamic points, modulo the number of GPUs
   // Of a live capture, because its windows share it; null: dynamic points on the CPU.
   std::shared_ptr<geometry::HullSweeper> sweeper;
   // Folder of precomputed optical flow: CAM/NNNNNN.flo (Middlebury) is the flow from source frame

@@ -9,8 +9,8 @@
 namespace stgs::encoder {
 namespace {
 
-// 64 cameras with depth maps of 320x320 pixels, and 10 million points, take half of it.
-constexpr std::uint64_t kMaxFileBytes = 1u << 29;
+// A thousand cameras with depth maps of 320x240 pixels, and 40 million points, take most of it.
+constexpr std::uint64_t kMaxFileBytes = 1u << 31;
 const ArchiveKind kFindings = {
     .magic = {'S', 'T', 'G', 'S', 'F', 'N', 'D', '1'},
     .noun = "analysis of the first window",

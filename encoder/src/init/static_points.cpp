@@ -304,10 +304,10 @@ Status find_static_depth(const std::vector<StaticImage>& inputs, Work& work, Sta
 }
 
 Status refine_static_depth(const std::vector<StaticImage>& inputs, const std::string& backend,
-                           Work& work, StaticScene* scene) {
+                           int gpu, Work& work, StaticScene* scene) {
   const DepthRange range = surface_range(scene->surfaces);
   STGS_ASSIGN(const std::vector<StereoDepth> stereo,
-              match_static(inputs, scene->focus.point, range, backend, work));
+              match_static(inputs, scene->focus.point, range, backend, gpu, work));
   if (stereo.empty()) return {};
   for (std::size_t i = 0; i < stereo.size(); ++i) {
     Surface& surface = scene->surfaces[i];

@@ -44,9 +44,9 @@ Status find_static_depth(const std::vector<StaticImage>& inputs, Work& work, Sta
 
 // Improves that depth, and adds normals, by stereo, unless there are fewer than three images; then
 // places sky and far background, and moves interpolated depth that other views contradict.
-// Stages "stereo", on `backend` (geometry/view_matcher.h), and "far background".
+// Stages "stereo", on a backend and GPU (geometry/view_matcher.h), and "far background".
 Status refine_static_depth(const std::vector<StaticImage>& inputs, const std::string& backend,
-                           Work& work, StaticScene* scene);
+                           int gpu, Work& work, StaticScene* scene);
 
 // Selects at most `limit` points: from `sparse` first, then confirmed depth, then interpolated
 // depth.

@@ -21,10 +21,10 @@ struct StereoDepth {
   cv::Mat cost;    // CV_32F, in [0, 1]
 };
 
-// Matches the images within a depth range, on `backend` (view_matcher.h). Returns one result per
-// image, at about half its size, or none for fewer than three images.
+// Matches the images within a depth range, on a backend and GPU (view_matcher.h). Returns one
+// result per image, at about half its size, or none for fewer than three images.
 Result<std::vector<StereoDepth>> match_static(const std::vector<StaticImage>& inputs,
                                               const cv::Vec3d& focus, const DepthRange& range,
-                                              const std::string& backend, Work& work);
+                                              const std::string& backend, int gpu, Work& work);
 
 }  // namespace stgs::encoder::init

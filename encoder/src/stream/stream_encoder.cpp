@@ -107,9 +107,14 @@ Result<std::unique_ptr<StreamEncoder>> StreamEncoder::open(const std::string& fo
       return usage_error("{}: exists; name another file", encoder->recording_path());
     return encoder;
   }
-  if (!fs::exists(identity_path, ignored)) {
-    if (!fs::is_empty(folder, ignored))
-      return usage_error("{}: contains other files; name a new or empty folder", folder);
+  const bool has_run = fs::exists(identity_path, ignored);
+  if (!has_run && !fs::is_empty(folder, ignored))
+    return usage_error("{}: contains other files; name a new or empty folder", folder);
+  STGS_ASSIGN(const std::vector<fs::path> sets, list_sets(folder));
+  if (!has_run || sets.empty() || !fs::exists(encoder->recording_path(), ignored)) {
+    // No window was completed: nothing is lost, whatever run it was.
+    for (const fs::path& path : sets) fs::remove(path, ignored);
+    fs::remove(encoder->recording_path(), ignored);
     STGS_TRY(write_file_atomically(
         identity_path, {reinterpret_cast<const std::uint8_t*>(identity.data()), identity.size()}));
     return encoder;
@@ -121,14 +126,7 @@ Result<std::unique_ptr<StreamEncoder>> StreamEncoder::open(const std::string& fo
         "command to complete it, or remove the folder",
         folder);
   }
-  // Without a set, the first window was not completed.
-  STGS_ASSIGN(const std::vector<fs::path> sets, list_sets(folder));
-  if (sets.empty()) {
-    fs::remove(encoder->recording_path(), ignored);
-    return encoder;
-  }
-  if (fs::exists(encoder->recording_path(), ignored))
-    STGS_TRY(encoder->resume(sets.back().string()));
+  STGS_TRY(encoder->resume(sets.back().string()));
   return encoder;
 }
 
@@ -203,7 +201,7 @@ Result<std::vector<StreamWindow>> StreamEncoder::append_round(std::vector<Traine
   const int before = frames();
   std::vector<std::vector<MemberEnd>> ends;
   for (const TrainedWindow& window : round) ends.push_back(window.set.ends());
-  STGS_TRY(check_ends(ends));
+  STGS_TRY(check_round(round, ends));
   const std::vector<WindowPlan> plans = plan_round(set_.size(), ends);
   std::vector<StoredPrimitive> members = set_.recorded().primitives, added;
   std::vector<StreamWindow> out;
@@ -233,17 +231,24 @@ Result<std::vector<StreamWindow>> StreamEncoder::append_round(std::vector<Traine
   return out;
 }
 
-Status StreamEncoder::check_ends(const std::vector<std::vector<MemberEnd>>& ends) const {
-  for (const std::vector<MemberEnd>& window : ends) {
-    for (const MemberEnd& end : window) {
-      if (end.member >= set_.size())
+Status StreamEncoder::check_round(const std::vector<TrainedWindow>& round,
+                                  const std::vector<std::vector<MemberEnd>>& ends) const {
+  for (std::size_t k = 0; k < round.size(); ++k) {
+    const auto frames = static_cast<std::uint32_t>(round[k].frames());
+    for (const MemberEnd& end : ends[k]) {
+      if (end.member >= set_.size() || end.frame > frames)
         return invalid_file(
-            "{}: a window ends primitive {} of {}; remove the folder and encode "
-            "again",
-            folder_, end.member, set_.size());
+            "{}: a window of {} frames ends primitive {} of {} at frame {}; remove the folder and "
+            "encode again",
+            folder_, frames, end.member, set_.size(), end.frame);
     }
   }
-  return {};
+  const TrainedWindow& last = round.back();
+  const std::size_t members = set_.size() - ends.back().size() + last.scene.parts[1].primitives;
+  if (last.set.size() == members) return {};
+  return invalid_file(
+      "{}: a set has {} primitives (expected {}); remove the folder and encode again", folder_,
+      last.set.size(), members);
 }
 
 Status StreamEncoder::create_recording(const Scene& scene) {
@@ -337,8 +342,15 @@ Status StreamEncoder::finish(const std::string& output) {
 void StreamEncoder::remove_files() {
   recorder_.reset();
   std::error_code ignored;
-  // The recording first: without it, the rest is no run to resume.
+  // The recording first: without it, the rest is no run to resume. The identity last: it marks the
+  // folder as one of a run.
   fs::remove(recording_path(), ignored);
+  std::vector<fs::path> others;
+  fs::directory_iterator entries(folder_, ignored);
+  for (; !ignored && entries != fs::directory_iterator(); entries.increment(ignored)) {
+    if (entries->path() != fs::path(identity_path_of(folder_))) others.push_back(entries->path());
+  }
+  for (const fs::path& path : others) fs::remove_all(path, ignored);
   fs::remove_all(folder_, ignored);
 }
 

@@ -20,7 +20,7 @@ Result<std::unique_ptr<StreamWorker>> StreamWorker::open(const std::string& fold
   if (!is_same) {
     return usage_error(
         "{}: this process has another capture or other settings than the first process; start all "
-        "with the same command, and calibrate a capture before",
+        "with the same command",
         folder);
   }
   return std::unique_ptr<StreamWorker>(

@@ -66,9 +66,9 @@ Status Trainer::evaluate_held_out() {
   evaluations_done_ = evaluations_due();
   STGS_TRY(read_steps());
   const Clock::time_point begin = Clock::now();
-  clock_.begin("held-out images");
   STGS_TRY(backend_->synchronise());
   if (held_out_.empty()) return {};
+  clock_.begin("held-out images");
   if (score_held_out()) {
     log_file_.write(LoggedEvaluation{state_.iteration, state_.seconds, *score_});
   }

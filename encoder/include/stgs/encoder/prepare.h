@@ -52,6 +52,9 @@ struct PrepareSettings {
   bool overwrite = false;  // replace an existing prepared capture at the target
   // Allow the capture to name files outside its folder, directly or by links: it is trusted.
   bool allow_outside = false;
+  // Calibrate a capture without a calibration with COLMAP, whose results differ between runs;
+  // false: refuse it (kUsage).
+  bool may_calibrate = true;
   // A calibration that a known mistake explains is a warning instead of an error.
   bool trust_calibration = false;
   // Called on the calling thread once cameras, image sizes and frames are known, before the long

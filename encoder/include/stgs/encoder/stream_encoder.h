@@ -122,8 +122,9 @@ class StreamEncoder {
   Status resume(const std::string& newest_set);
   Status create_recording(const Scene& scene);
   Result<std::vector<StreamWindow>> append_round(std::vector<TrainedWindow> round);
-  // kInvalidFile if the set lacks a member that a window ends.
-  Status check_ends(const std::vector<std::vector<MemberEnd>>& ends) const;
+  // kInvalidFile if the windows do not fit each other and the set. `ends`: those of each window.
+  Status check_round(const std::vector<TrainedWindow>& round,
+                     const std::vector<std::vector<MemberEnd>>& ends) const;
   // Appends a window. `members`: where those of the set are stored. `added`: of the last window,
   // where its additions are.
   Status record(const TrainedWindow& window, const WindowPlan& plan, bool is_last,

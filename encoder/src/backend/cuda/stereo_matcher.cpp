@@ -55,8 +55,9 @@ struct DeviceImage {
 // Runs one pass at a time, and uploads the images for each.
 class CudaMatcher final : public geometry::ViewMatcher {
  public:
-  Status create() {
-    STGS_ASSIGN(const cudaDeviceProp properties, cuda::select_gpu(kGpu));
+  Status create(int gpu) {
+    STGS_ASSIGN(const cudaDeviceProp properties, cuda::select_gpu(gpu));
+    STGS_TRY(cuda::cuda_status(cudaGetDevice(&gpu_), "choosing the GPU"));
     name_ = fmt::format("cuda ({})", properties.name);
     return stream_.create();
   }
@@ -70,12 +71,10 @@ class CudaMatcher final : public geometry::ViewMatcher {
   }
 
  private:
-  static constexpr int kGpu = 0;
-
   Status run_pass(const geometry::ViewPass& pass) {
     const std::lock_guard lock(mutex_);
     // The device is a setting of the thread.
-    STGS_TRY(cuda::cuda_status(cudaSetDevice(kGpu), "choosing the GPU"));
+    STGS_TRY(cuda::cuda_status(cudaSetDevice(gpu_), "choosing the GPU"));
     geometry::StereoProblem problem = pass.problem;
     STGS_TRY(reference_.take(problem.reference, stream_));
     for (int k = 0; k < problem.source_count; ++k)
@@ -97,6 +96,7 @@ class CudaMatcher final : public geometry::ViewMatcher {
 
   std::mutex mutex_;
   std::string name_;
+  int gpu_ = 0;
   cuda::Stream stream_;
   DeviceImage reference_, sources_[geometry::kMaxSources];
   DeviceArray<geometry::Hypothesis> planes_;
@@ -105,9 +105,9 @@ class CudaMatcher final : public geometry::ViewMatcher {
 
 }  // namespace
 
-Result<std::unique_ptr<geometry::ViewMatcher>> geometry::make_cuda_matcher() {
+Result<std::unique_ptr<geometry::ViewMatcher>> geometry::make_cuda_matcher(int gpu) {
   auto matcher = std::make_unique<CudaMatcher>();
-  STGS_TRY(matcher->create());
+  STGS_TRY(matcher->create(gpu));
   return std::unique_ptr<ViewMatcher>(std::move(matcher));
 }
 
