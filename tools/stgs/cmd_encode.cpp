@@ -17,12 +17,9 @@
 namespace stgs::tools {
 namespace {
 
-// With fewer frames, moving content looks static.
-constexpr int kMinWindow = 8;
-
 // A CLI11 validator of --window.
 std::string check_window(const std::string& text) {
-  return text == "0" ? "" : number_between(kMinWindow, 1e6)(text);
+  return text == "0" ? "" : number_between(encoder::kMinWindowFrames, 1e6)(text);
 }
 
 // The modification time of a file; none if it does not exist.
@@ -55,7 +52,7 @@ class Encode final : public Command {
         "after the last complete window of an interrupted run, in the folder OUTPUT.work. Started\n"
         "by mpirun or srun as several processes, which share this folder, each trains windows of\n"
         "its own. --window 0 encodes all frames at once, which --checkpoint, --resume, --log,\n"
-        "--report, --max-seconds, --target-kbps and --target-size need.",
+        "--report, --max-seconds, --num-evals, --target-kbps and --target-size need.",
         "  stgs encode capture/ -o scene.stgs\n"
         "  stgs encode capture/ -o scene.stgs --preset fast --frames 0:60 --keep-work work/\n"
         "  stgs encode capture/ -o scene.stgs --window 60\n"

@@ -32,7 +32,6 @@ namespace fs = std::filesystem;
 
 constexpr double kMemoryShare = 1.0 / 3;  // of the available memory, for the frames of a window
 constexpr double kDefaultWindowSeconds = 2;
-constexpr int kMinDefaultWindow = 8;  // frames; with fewer, moving content looks static
 
 // Creates the missing parents of a path. The destructor deletes each of them that is empty.
 class Parents {
@@ -279,7 +278,7 @@ class Preparer final : public WindowPreparer {
 int default_window(int frames, const TimeBase& time_base) {
   if (frames <= kMaxFramesAtOnce) return 0;
   const double ticks = std::min(time_base.ticks(kDefaultWindowSeconds), double(kMaxFramesAtOnce));
-  return std::max(kMinDefaultWindow, int(std::lround(ticks)));
+  return std::max(kMinWindowFrames, int(std::lround(ticks)));
 }
 
 std::vector<FrameSpan> cut_into_windows(int frames, int length) {

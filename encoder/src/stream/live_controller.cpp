@@ -4,12 +4,13 @@
 #include <algorithm>
 #include <cmath>
 
+#include "stgs/encoder/prepare.h"
+
 namespace stgs::encoder {
 namespace {
 
 // A frame waits for its window to fill, to be prepared and to be trained.
 constexpr double kStages = 3;
-constexpr int kMinWindow = 8;      // frames; in fewer, moving content looks static
 constexpr int kMaxBacklog = 4;     // windows that become one
 constexpr double kReserve = 0.9;   // of the time of a window
 constexpr double kCatchUp = 0.25;  // of it with a backlog
@@ -53,7 +54,7 @@ void LiveController::Stage::change_size(double factor) {
 
 LiveController::LiveController(double fps, double latency, int iterations)
     : fps_(fps),
-      window_(std::max(kMinWindow, static_cast<int>(std::lround(latency / kStages * fps)))),
+      window_(std::max(kMinWindowFrames, static_cast<int>(std::lround(latency / kStages * fps)))),
       max_iterations_(std::max(kMinIterations, iterations)),
       keep_(kMaxKeep),
       points_{WorkTime(kPrepare, kPoints)},

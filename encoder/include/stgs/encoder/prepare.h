@@ -76,6 +76,9 @@ struct PrepareParameters {
   }
 };
 
+// Least frames of a window of time. In fewer, moving content looks static.
+inline constexpr int kMinWindowFrames = 8;
+
 // A range of frames [begin, end).
 struct FrameSpan {
   int begin = 0, end = 0;
