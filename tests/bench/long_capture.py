@@ -79,9 +79,9 @@ class Kills:
     """When to kill: a random part of a window's duration after a random frame is encoded, or after the start of a
     process that resumes behind it."""
 
-    def __init__(self, count, last_frame, seed):
+    def __init__(self, count, frames, seed):
         numbers = random.Random(seed)
-        frames = sorted(numbers.randint(0, last_frame) for _ in range(count))
+        frames = sorted(numbers.randint(*frames) for _ in range(count))
         self.plan = [(frame, numbers.random()) for frame in frames]
 
     def due(self, encoder, window_seconds):
@@ -112,7 +112,8 @@ class LongRun:
         options = self.options
         command = [self.stgs, "encode", str(self.work / "capture"), "-o", self.output, "--window", str(options.window),
                    "--log-level", "info", "--progress", "none", "--format", "json", *options.encode]
-        kills, finished = Kills(options.kills, max(0, options.frames - 2 * options.window), options.seed), False
+        last = max(options.kill_from, options.frames - 2 * options.window)
+        kills, finished = Kills(options.kills, (options.kill_from, last), options.seed), False
         while not finished:
             encoder = Encoder(command, self.encoded)
             self.runs.append(encoder)
@@ -189,8 +190,11 @@ class LongRun:
                                     window["resident_bytes"], window["open_files"]])
 
     def run(self):
-        subprocess.run([self.generator, self.work / "capture", *self.rig, "--frames", str(self.options.frames)],
-                       check=True)
+        capture = self.work / "capture"
+        if not capture.exists():
+            generated = self.work / "capture.part"
+            subprocess.run([self.generator, generated, *self.rig, "--frames", str(self.options.frames)], check=True)
+            generated.rename(capture)
         figures = self.figures(self.encode())
         if self.options.windows:
             self.write_windows(self.options.windows)
@@ -208,8 +212,10 @@ def main():
     parser.add_argument("--size", default="160x90")
     parser.add_argument("--window", type=int, default=30, help="frames")
     parser.add_argument("--kills", type=int, default=3)
+    parser.add_argument("--kill-from", type=int, default=0, help="first frame after which to kill, to continue a run")
     parser.add_argument("--seed", type=int, default=1, help="of the times of the kills")
-    parser.add_argument("--work", type=pathlib.Path, help="keep the capture and the file in this folder")
+    parser.add_argument("--work", type=pathlib.Path,
+                        help="keep the capture and the file in this folder; the next run with it continues")
     parser.add_argument("--windows", type=pathlib.Path, help="write a row for each window to this CSV file")
     parser.add_argument("encode", nargs="*", help="options of stgs encode")
     options = parser.parse_args()
