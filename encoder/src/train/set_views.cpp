@@ -28,14 +28,18 @@ Image reduced(const Image8& image, int factor) {
   Image out;
   out.reshape(image.width / factor, image.height / factor, 3);
   const float scale = 1.0f / (255.0f * static_cast<float>(factor * factor));
+  std::vector<std::uint32_t> column(std::size_t{3} * out.width * factor);  // sums
   for (int y = 0; y < out.height; ++y) {
+    std::fill(column.begin(), column.end(), 0);
+    for (int v = y * factor; v < (y + 1) * factor; ++v) {
+      const std::uint8_t* row = &image.data[std::size_t{3} * v * image.width];
+      for (std::size_t i = 0; i < column.size(); ++i) column[i] += row[i];
+    }
     for (int x = 0; x < out.width; ++x) {
-      int sum[3] = {0, 0, 0};
-      for (int v = y * factor; v < (y + 1) * factor; ++v) {
-        const std::uint8_t* p = &image.data[3 * (static_cast<std::size_t>(v) * image.width +
-                                                 static_cast<std::size_t>(x) * factor)];
-        for (int k = 0; k < 3 * factor; ++k) sum[k % 3] += p[k];
-      }
+      std::uint32_t sum[3] = {0, 0, 0};
+      const std::uint32_t* block = &column[std::size_t{3} * x * factor];
+      for (int k = 0; k < factor; ++k)
+        for (int c = 0; c < 3; ++c) sum[c] += block[3 * k + c];
       for (int c = 0; c < 3; ++c)
         out.plane(c)[y * out.width + x] = scale * static_cast<float>(sum[c]);
     }
