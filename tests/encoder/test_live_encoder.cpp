@@ -25,10 +25,31 @@ namespace {
 constexpr int kFrames = 24;
 constexpr double kFps = 20;
 
-// Prepares frames of a synthetic capture with its own points.
+// Halving these undoes it exactly.
+Camera twice(Camera camera) {
+  camera.width *= 2;
+  camera.height *= 2;
+  for (double* value : {&camera.fx, &camera.fy, &camera.cx, &camera.cy}) *value *= 2;
+  return camera;
+}
+Image8 twice(const Image8& image) {
+  Image8 out{2 * image.width, 2 * image.height, image.channels, {}};
+  for (int y = 0; y < out.height; ++y) {
+    for (int x = 0; x < out.width; ++x) {
+      const std::uint8_t* pixel =
+          &image.data[std::size_t{1} * image.channels * (y / 2 * image.width + x / 2)];
+      out.data.insert(out.data.end(), pixel, pixel + image.channels);
+    }
+  }
+  return out;
+}
+
+// Prepares frames of a synthetic capture with its own points. `enlarged`: the cameras are twice as
+// large as those of the capture.
 class KnownPoints final : public LivePreparer {
  public:
-  explicit KnownPoints(const PreparedCapture& capture) : capture_(capture) {
+  explicit KnownPoints(const PreparedCapture& capture, bool enlarged = false)
+      : capture_(capture), enlarged_(enlarged) {
     for (const Camera& camera : capture.training_cameras()) cameras_.push_back({camera.name, ""});
     points_ = *read_points(capture.folder + "/points_dynamic.ply");
   }
@@ -47,7 +68,7 @@ class KnownPoints final : public LivePreparer {
     rig.cameras.clear();
     const std::vector<Camera> training = capture_.training_cameras();
     for (std::size_t i = 0; i < training.size(); ++i)
-      if (takes_part[i]) rig.cameras.push_back(training[i]);
+      if (takes_part[i]) rig.cameras.push_back(enlarged_ ? twice(training[i]) : training[i]);
     rig.files.reset();
     rig.memory_only = true;
     rig.time_base = frame_time_of(kFps);
@@ -56,6 +77,7 @@ class KnownPoints final : public LivePreparer {
   Status prepare(PreparedCapture& window, int point_interval, const ProgressSink&,
                  const LogSink&) override {
     if (fails_at == window.first_frame) return runtime_error("no points");
+    std::this_thread::sleep_for(duration);
     intervals.push_back(point_interval);
     std::vector<InitialPoint> dynamics;
     for (InitialPoint point : points_) {
@@ -71,16 +93,22 @@ class KnownPoints final : public LivePreparer {
 
   std::vector<int> intervals;
   int fails_at = -1;
+  std::chrono::milliseconds duration{0};  // of preparing a window, at least
 
  private:
   const PreparedCapture& capture_;
+  const bool enlarged_;
   std::vector<LiveCamera> cameras_;
   std::vector<InitialPoint> points_;
 };
 
 struct Run {
-  const SyntheticCapture synthetic{4, kFrames};
-  KnownPoints preparer{synthetic.capture};
+  explicit Run(int frames = kFrames, bool is_enlarged = false)
+      : synthetic{4, frames}, preparer{synthetic.capture, is_enlarged}, enlarged{is_enlarged} {}
+
+  const SyntheticCapture synthetic;
+  KnownPoints preparer;
+  const bool enlarged;
   const std::string output = synthetic.capture.folder + "/live.stgs",
                     folder = synthetic.capture.folder + "/live";
   std::vector<LiveWindow> windows;
@@ -110,7 +138,8 @@ struct Run {
   }
   void push(LiveEncoder& live, std::size_t camera, int frame) {
     const Camera of = synthetic.capture.training_cameras()[camera];
-    live.push(camera, 100 + frame / kFps, *load_frame(synthetic.capture, of, frame));
+    const Image8 image = *load_frame(synthetic.capture, of, frame);
+    live.push(camera, 100 + frame / kFps, enlarged ? twice(image) : image);
   }
 };
 
@@ -264,6 +293,31 @@ TEST_CASE("a limit of the bit rate leaves fewer primitives") {
     primitives[limited] = run.windows[2].primitives;
   }
   CHECK(primitives[1] < primitives[0] / 2);
+}
+
+TEST_CASE(
+    "images of a rig that is too slow to prepare are halved, and the file shows them as well") {
+  constexpr int kWindows = 12;
+  Run run(8 * kWindows, true);
+  run.preparer.duration = std::chrono::milliseconds(600);  // of windows of 400 ms
+  const auto live = run.open();
+  int index = 0;
+  do run.film_window(*live, index++);
+  while (index < kWindows - 1 && live->report().scale == 1);
+  run.film_window(*live, index++);
+  const Status finished = live->finish(run.output);
+  INFO(finished.message());
+  REQUIRE(finished.ok());
+  CHECK(run.windows[0].scale == 1);
+  CHECK(run.windows.back().scale == 0.5);
+  CHECK(live->report().scale < 1);
+  CHECK(live->report().lost_frames == 0);
+  PreparedCapture timed = run.synthetic.capture;
+  timed.time_base = frame_time_of(kFps);
+  timed.frames = 8 * index;
+  const std::vector<double> psnr = test::psnr_by_frame(run.output, timed);
+  const std::vector<double> halved(psnr.end() - 8, psnr.end());
+  CHECK(test::mean_of(halved) > 20);
 }
 
 TEST_CASE("a camera that delivers nothing is left out, and one alone is an error") {
