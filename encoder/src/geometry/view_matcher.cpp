@@ -16,6 +16,9 @@ Result<std::unique_ptr<ViewMatcher>> make_cuda_matcher(int) {
 Result<std::unique_ptr<HullSweeper>> make_cuda_hull_sweeper(int) {
   return no_cuda();
 }
+Result<std::unique_ptr<MotionFinder>> make_cuda_motion_finder(int) {
+  return no_cuda();
+}
 #endif
 
 namespace {
@@ -32,7 +35,7 @@ Result<std::unique_ptr<T>> if_usable(Result<std::unique_ptr<T>> cuda, const std:
 }
 
 Status unknown_backend(const std::string& backend) {
-  return not_built("backend '{}' has no stereo; use --backend cpu", backend);
+  return not_built("backend '{}' cannot prepare captures; use --backend cpu", backend);
 }
 
 }  // namespace
@@ -55,6 +58,13 @@ Result<std::unique_ptr<HullSweeper>> make_hull_sweeper(const std::string& backen
   if (backend == "cpu") return std::unique_ptr<HullSweeper>();
   if (backend != "cuda" && backend != "auto") return unknown_backend(backend);
   return if_usable(make_cuda_hull_sweeper(gpu), backend, "dynamic points", log);
+}
+
+Result<std::unique_ptr<MotionFinder>> make_motion_finder(const std::string& backend, int gpu,
+                                                         const LogSink& log) {
+  if (backend == "cpu") return std::unique_ptr<MotionFinder>();
+  if (backend != "cuda" && backend != "auto") return unknown_backend(backend);
+  return if_usable(make_cuda_motion_finder(gpu), backend, "motion", log);
 }
 
 }  // namespace stgs::encoder::geometry

@@ -8,6 +8,7 @@
 #include <string>
 
 #include "geometry/hull_sweep.h"
+#include "geometry/motion_finder.h"
 #include "geometry/patch_match.h"
 #include "stgs/encoder/progress.h"
 #include "stgs/format/status.h"
@@ -44,5 +45,8 @@ Result<std::unique_ptr<ViewMatcher>> make_matcher(const std::string& backend, in
 // The same for sweeps in the visual hull, but returns null for the CPU.
 Result<std::unique_ptr<HullSweeper>> make_hull_sweeper(const std::string& backend, int gpu,
                                                        const LogSink& log);
+// The same for motion detection.
+Result<std::unique_ptr<MotionFinder>> make_motion_finder(const std::string& backend, int gpu,
+                                                         const LogSink& log);
 
 }  // namespace stgs::encoder::geometry

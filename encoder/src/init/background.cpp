@@ -2,11 +2,10 @@
 #include "init/background.h"
 
 #include <algorithm>
-#include <cmath>
 #include <opencv2/imgproc.hpp>
-#include <optional>
 
 #include "geometry/masked_median.h"
+#include "geometry/motion_rule.h"
 #include "stgs/encoder/frame_memory.h"
 
 namespace stgs::encoder::init {
@@ -32,25 +31,6 @@ ChannelMedian median_of_channel(const std::vector<cv::Mat>& channel,
   return out;
 }
 
-// Returns the median of the values, which are below 256, of the pixels whose count is not 0;
-// interpolates within the level.
-std::optional<double> median_level(const cv::Mat& values, const cv::Mat& counts) {
-  long histogram[256] = {}, counted = 0, below = 0;
-  for (std::size_t i = 0; i < values.total(); ++i) {
-    if (counts.data[i] == 0) continue;
-    ++histogram[values.data[i]];
-    ++counted;
-  }
-  for (int level = 0; level < 256 && counted > 0; ++level) {
-    if (2 * (below + histogram[level]) >= counted) {
-      const double inside = (0.5 * double(counted) - double(below)) / double(histogram[level]);
-      return level - 0.5 + inside;
-    }
-    below += histogram[level];
-  }
-  return {};
-}
-
 // Returns the median of each channel over the samples whose mask is 0 (an empty mask is 0
 // everywhere). The noise is the median over pixels of the median absolute deviation of green.
 Background median_of(const std::vector<cv::Mat>& samples, const std::vector<cv::Mat>& masks) {
@@ -64,9 +44,11 @@ Background median_of(const std::vector<cv::Mat>& samples, const std::vector<cv::
     counts = found.counts;
     if (k != 1) continue;
     for (cv::Mat& green : channel) cv::absdiff(green, found.median, green);
-    const std::optional<double> deviation =
-        median_level(median_of_channel(channel, masks).median, found.counts);
-    if (deviation) out.noise = std::clamp(1.4826 * *deviation, 0.7, 12.0);
+    const cv::Mat deviations = median_of_channel(channel, masks).median;
+    std::uint32_t deviating[256] = {};
+    for (std::size_t i = 0; i < deviations.total(); ++i)
+      if (found.counts.data[i] != 0) ++deviating[deviations.data[i]];
+    out.noise = geometry::noise_of(deviating);
   }
   cv::merge(channels, 3, out.colour);
   out.valid = counts > 0;
@@ -180,13 +162,25 @@ Status add_mask(const PreparedCapture& capture, const View& view, int frame, con
   return write_png(capture.mask_path(*view.camera, frame), full);
 }
 
-Result<Background> find_background(const PreparedCapture& capture, const View& view,
-                                   bool use_masks) {
-  std::vector<cv::Mat> samples, masks;
+std::vector<int> background_frames(const PreparedCapture& capture, const View& view) {
+  std::vector<int> out;
   const int count = std::min(capture.frames, kBackgroundSamples);
   for (int i = 0; i < count; ++i) {
     const int frame = count == 1 ? 0 : int(std::int64_t(i) * (capture.frames - 1) / (count - 1));
-    if (!has_frame(capture, *view.camera, frame)) continue;
+    if (has_frame(capture, *view.camera, frame)) out.push_back(frame);
+  }
+  return out;
+}
+
+Background unknown_background(const View& view) {
+  return {cv::Mat(view.size(), CV_8UC3, cv::Scalar::all(0)),
+          cv::Mat(view.size(), CV_8U, cv::Scalar(0)), 1};
+}
+
+Result<Background> find_background(const PreparedCapture& capture, const View& view,
+                                   bool use_masks) {
+  std::vector<cv::Mat> samples, masks;
+  for (const int frame : background_frames(capture, view)) {
     STGS_ASSIGN(samples.emplace_back(), load_image(capture, view, frame));
     masks.emplace_back();
     if (!use_masks) continue;
@@ -194,11 +188,7 @@ Result<Background> find_background(const PreparedCapture& capture, const View& v
     // Masks from other tools often exclude the blurred border of an object.
     if (!mask.empty()) cv::dilate(mask, masks.back(), cv::Mat(), {-1, -1}, 2);
   }
-  if (samples.empty()) {  // nothing is known of the camera
-    return Background{cv::Mat(view.size(), CV_8UC3, cv::Scalar::all(0)),
-                      cv::Mat(view.size(), CV_8U, cv::Scalar(0)), 1};
-  }
-  return median_of(samples, masks);
+  return samples.empty() ? unknown_background(view) : median_of(samples, masks);
 }
 
 LiveBackground::LiveBackground(Background first, int settle_frames)

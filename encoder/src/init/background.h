@@ -20,8 +20,13 @@ struct Background {
   double noise = 1;       // standard deviation of a static pixel, grey levels
 };
 
-// Returns the temporal median of a camera, from frames spread over the capture. With `use_masks`,
-// masked pixels do not count. Frames that the capture lacks are left out.
+// Returns the frames, spread over the capture, that the background of a camera follows from. Those
+// that the capture lacks are left out.
+std::vector<int> background_frames(const PreparedCapture& capture, const View& view);
+// Returns the background of a camera without frames.
+Background unknown_background(const View& view);
+// Returns the temporal median of a camera in its background frames. With `use_masks`, masked
+// pixels do not count.
 Result<Background> find_background(const PreparedCapture& capture, const View& view,
                                    bool use_masks);
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Reads Middlebury .flo: float 202021.25, int32 width, int32 height, then floats u v, row by row.
 #include <cstring>
+#include <opencv2/imgproc.hpp>
 
 #include "init/motion.h"
 #include "stgs/encoder/capture_folder.h"
@@ -47,6 +48,21 @@ Result<cv::Mat> read_flow(const CaptureFolder& files, const std::string& path) {
   }
   cv::Mat flow(height, width, CV_32FC2);
   STGS_TRY(source->read(kHeader, {flow.data, static_cast<std::size_t>(bytes)}));
+  return flow;
+}
+
+Result<cv::Mat> given_flow(const PreparedCapture& capture, const View& view,
+                           const InitSettings& settings, int frame) {
+  if (settings.flow_folder.empty()) return cv::Mat();
+  const CaptureFolder& files = *settings.flow_files;
+  const auto own = static_cast<int>(capture.own_frame(*view.camera, frame));
+  STGS_ASSIGN(const std::string path,
+              find_flow(files, settings.flow_folder, view.camera->name, own));
+  if (path.empty()) return cv::Mat();
+  STGS_ASSIGN(cv::Mat flow, read_flow(files, path));
+  const double sx = double(view.width) / flow.cols, sy = double(view.height) / flow.rows;
+  cv::resize(flow, flow, view.size(), 0, 0, cv::INTER_NEAREST);
+  cv::multiply(flow, cv::Scalar(sx, sy), flow);
   return flow;
 }
 

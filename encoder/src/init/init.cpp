@@ -39,6 +39,7 @@ struct State {
   Work work;
   std::vector<View> views{};
   CalibrationCheck calibration{};
+  std::unique_ptr<geometry::MotionFinder> motion_finder{};  // null: on the CPU
   std::vector<ViewMotion> motion{};
   // Those whose calibration agrees with the others, or all if few do. Points come from them alone:
   // a wrong pose puts points in wrong places, also by its masks and as the partner of other views.
@@ -94,19 +95,30 @@ Status find_all_motion(State& state) {
       return {};
     });
   }
+  if (!state.settings.live) {
+    const auto log = [&](int level, const std::string& line) { state.work.log(line, level); };
+    STGS_ASSIGN(state.motion_finder,
+                geometry::make_motion_finder(state.settings.backend, state.settings.gpu, log));
+  }
   STGS_TRY(state.work.for_each(int(state.views.size()), [&](int i) {
-    const auto find = state.settings.live ? find_live_motion : find_motion;
-    return find(state.capture, state.views[i], state.settings, state.work, &state.motion[i]);
+    if (state.settings.live) {
+      return find_live_motion(state.capture, state.views[i], state.settings, state.work,
+                              &state.motion[i]);
+    }
+    return find_motion(state.capture, state.views[i], state.settings, state.motion_finder.get(),
+                       state.work, &state.motion[i]);
   }));
   double share = 0;
   for (const ViewMotion& motion : state.motion) {
     for (const float c : motion.coverage) share += c / float(motion.coverage.size());
     state.masked.push_back(motion.given_masks);
   }
-  state.work.log(fmt::format("motion: {:.1f} % of the pixels are dynamic; masks given for {} of {}",
-                             100 * share / double(state.views.size()),
-                             std::count(state.masked.begin(), state.masked.end(), true),
-                             plural(state.masked.size(), "camera")));
+  state.work.log(fmt::format(
+      "motion: {:.1f} % of the pixels are dynamic; masks given for {} of {}, backend {}",
+      100 * share / double(state.views.size()),
+      std::count(state.masked.begin(), state.masked.end(), true),
+      plural(state.masked.size(), "camera"),
+      state.motion_finder ? state.motion_finder->name() : "cpu"));
   return {};
 }
 
@@ -212,7 +224,8 @@ Status find_velocities(State& state) {
     return state.work.for_each(int(frames.size() * state.agreeing.size()), [&](int i) {
       const std::size_t view = std::size_t(i) / frames.size();
       return find_frame_flow(state.capture, state.agreeing[view], state.settings,
-                             frames[std::size_t(i) % frames.size()], &state.agreeing_motion[view]);
+                             state.motion_finder.get(), frames[std::size_t(i) % frames.size()],
+                             &state.agreeing_motion[view]);
     });
   };
   return choose_velocities(input, state.work, &state.velocities);

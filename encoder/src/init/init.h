@@ -30,8 +30,8 @@ struct InitSettings {
   int max_dynamic_points = 0;    // per frame; 0: derived from the image size
   int max_static_points = 0;     // 0: derived from the image size
   std::uint64_t seed = 1;        // equal seeds give equal bytes with one backend
-  std::string backend = "auto";  // of stereo and of dynamic points: auto, cpu or cuda
-  int gpu = 0;                   // of stereo and dynamic points, modulo the number of GPUs
+  std::string backend = "auto";  // of stereo, motion and dynamic points: auto, cpu, cuda
+  int gpu = 0;                   // of these, modulo the number of GPUs
   // Of a live capture, because its windows share it; null: dynamic points on the CPU.
   std::shared_ptr<geometry::HullSweeper> sweeper;
   // Folder of precomputed optical flow: CAM/NNNNNN.flo (Middlebury) is the flow from source frame

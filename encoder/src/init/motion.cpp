@@ -8,6 +8,7 @@
 #include <opencv2/video/tracking.hpp>
 
 #include "init/background.h"
+#include "init/motion_gpu.h"
 #include "init/point_frames.h"
 
 namespace stgs::encoder::init {
@@ -80,16 +81,14 @@ cv::Mat moving_by_flow(const cv::Mat& flow) {
 
 FlowPatch pack_flow(const cv::Mat& flow, const cv::Mat& mask) {
   FlowPatch patch;
-  patch.step = 2;
-  std::vector<cv::Point> points;
-  if (flow.empty() || cv::countNonZero(mask) == 0) return patch;
-  const cv::Rect full = cv::boundingRect(mask);
-  patch.box = {full.x / 2, full.y / 2, (full.width + 1) / 2, (full.height + 1) / 2};
+  patch.step = kFlowStep;
+  if (flow.empty()) return patch;
+  patch.box = packed_box(mask);
   patch.vectors = cv::Mat(patch.box.size(), CV_16SC2, cv::Scalar::all(FlowPatch::kNoFlow));
   for (int y = 0; y < patch.box.height; ++y) {
     for (int x = 0; x < patch.box.width; ++x) {
-      const int px = std::min(2 * (patch.box.x + x), flow.cols - 1);
-      const int py = std::min(2 * (patch.box.y + y), flow.rows - 1);
+      const int px = std::min(kFlowStep * (patch.box.x + x), flow.cols - 1);
+      const int py = std::min(kFlowStep * (patch.box.y + y), flow.rows - 1);
       const cv::Vec2f f = flow.at<cv::Vec2f>(py, px);
       if (!mask.at<std::uint8_t>(py, px) || !(std::abs(f[0]) < 1000 && std::abs(f[1]) < 1000)) {
         continue;
@@ -99,22 +98,6 @@ FlowPatch pack_flow(const cv::Mat& flow, const cv::Mat& mask) {
     }
   }
   return patch;
-}
-
-// Returns the given flow at the size of the view. Empty if the camera has none.
-Result<cv::Mat> given_flow(const PreparedCapture& capture, const View& view,
-                           const InitSettings& settings, int frame) {
-  if (settings.flow_folder.empty()) return cv::Mat();
-  const CaptureFolder& files = *settings.flow_files;
-  const auto own = static_cast<int>(capture.own_frame(*view.camera, frame));
-  STGS_ASSIGN(const std::string path,
-              find_flow(files, settings.flow_folder, view.camera->name, own));
-  if (path.empty()) return cv::Mat();
-  STGS_ASSIGN(cv::Mat flow, read_flow(files, path));
-  const double sx = double(view.width) / flow.cols, sy = double(view.height) / flow.rows;
-  cv::resize(flow, flow, view.size(), 0, 0, cv::INTER_NEAREST);
-  cv::multiply(flow, cv::Scalar(sx, sy), flow);
-  return flow;
 }
 
 // Returns the part of the image that shows dynamic content, with a margin.
@@ -226,11 +209,19 @@ bool FlowPatch::at(double u, double v, cv::Vec2d* flow) const {
   return true;
 }
 
+cv::Rect packed_box(const cv::Mat& mask) {
+  const cv::Rect full = cv::boundingRect(mask);
+  return {full.x / kFlowStep, full.y / kFlowStep, (full.width + kFlowStep - 1) / kFlowStep,
+          (full.height + kFlowStep - 1) / kFlowStep};
+}
+
 Status find_motion(const PreparedCapture& capture, const View& view, const InitSettings& settings,
-                   const Work& work, ViewMotion* motion) {
+                   geometry::MotionFinder* gpu, const Work& work, ViewMotion* motion) {
   namespace fs = std::filesystem;
   motion->given_masks = has_mask(capture, *view.camera, 0);
-  STGS_ASSIGN(const Background background, find_background(capture, view, motion->given_masks));
+  STGS_ASSIGN(const Background background,
+              gpu != nullptr ? find_gpu_background(*gpu, capture, view, motion->given_masks)
+                             : find_background(capture, view, motion->given_masks));
   motion->background = background.colour;
   motion->background_valid = background.valid;
   motion->flow.resize(capture.frames);
@@ -242,7 +233,10 @@ Status find_motion(const PreparedCapture& capture, const View& view, const InitS
     if (error)
       return io_error("{}/masks: cannot create the folder: {}", capture.folder, error.message());
   }
-  if (!motion->given_masks) return write_masks(capture, view, settings, background, work, motion);
+  if (!motion->given_masks) {
+    return gpu != nullptr ? write_gpu_masks(*gpu, capture, view, settings, background, work, motion)
+                          : write_masks(capture, view, settings, background, work, motion);
+  }
   STGS_TRY(measure_coverage(capture, view, work, motion));
   return take_given_flow(capture, view, settings, work, motion);
 }
@@ -280,8 +274,10 @@ Status find_live_motion(const PreparedCapture& capture, const View& view,
 }
 
 Status find_frame_flow(const PreparedCapture& capture, const View& view,
-                       const InitSettings& settings, int frame, ViewMotion* motion) {
+                       const InitSettings& settings, geometry::MotionFinder* gpu, int frame,
+                       ViewMotion* motion) {
   if (motion->has_flow[frame] != 0) return {};
+  if (gpu != nullptr) return find_gpu_flow(*gpu, capture, view, frame, motion);
   STGS_ASSIGN(const cv::Mat image, load_image(capture, view, frame));
   STGS_ASSIGN(const cv::Mat next, load_image(capture, view, frame + 1));
   STGS_ASSIGN(const cv::Mat mask, mask_of(capture, view, frame));

@@ -6,6 +6,7 @@
 #include <opencv2/core.hpp>
 #include <vector>
 
+#include "geometry/motion_finder.h"
 #include "init/init.h"
 #include "init/view.h"
 #include "init/work.h"
@@ -35,11 +36,15 @@ struct ViewMotion {
   std::vector<float> coverage;         // fraction of masked pixels, per frame
 };
 
+inline constexpr int kFlowStep = 2;  // FlowPatch::step of flow that is found
+// Returns FlowPatch::box of a mask, for this step.
+cv::Rect packed_box(const cv::Mat& mask);
+
 // Detects the motion of one camera. Writes the masks of all frames to the prepared capture if it
-// has none for the camera. `view` sets the working resolution. Checks `work` for cancellation
-// between frames.
+// has none for the camera. `view` sets the working resolution; `gpu` is null for the CPU. Checks
+// `work` for cancellation between frames.
 Status find_motion(const PreparedCapture& capture, const View& view, const InitSettings& settings,
-                   const Work& work, ViewMotion* motion);
+                   geometry::MotionFinder* gpu, const Work& work, ViewMotion* motion);
 
 // The same for a window of a live capture, by its background alone: there is no flow. Only frames
 // with dynamic points (point_frames.h) get masks. The background then learns from the window.
@@ -50,7 +55,13 @@ Status find_live_motion(const PreparedCapture& capture, const View& view,
 // need different frames or cameras. Detecting the motion of a camera with given masks leaves it
 // out, because it takes long and only velocities use it.
 Status find_frame_flow(const PreparedCapture& capture, const View& view,
-                       const InitSettings& settings, int frame, ViewMotion* motion);
+                       const InitSettings& settings, geometry::MotionFinder* gpu, int frame,
+                       ViewMotion* motion);
+
+// Returns the flow that was given for a frame, at the size of the view: CV_32FC2, pixels. Empty if
+// the camera has none.
+Result<cv::Mat> given_flow(const PreparedCapture& capture, const View& view,
+                           const InitSettings& settings, int frame);
 
 // Returns the path FOLDER/CAMERA/NNNNNN.flo, where NNNNNN is the source frame, counted from 0.
 // `folder` lies in the capture of `files`. Empty if it has no folder of the camera. kIo if only the

@@ -51,20 +51,27 @@ std::vector<View> training_views(const PreparedCapture& capture, int max_side) {
   return views;
 }
 
-Result<cv::Mat> load_image(const PreparedCapture& capture, const View& view, int frame) {
+Status load_image_to(const PreparedCapture& capture, const View& view, int frame,
+                     std::uint8_t* rgb) {
   STGS_TRY(reject_test(view));
   STGS_ASSIGN(const auto image, load_shared_frame(capture, *view.camera, frame));
-  cv::Mat out;
+  cv::Mat out(view.size(), CV_8UC3, rgb);
   cv::resize(as_mat(*image), out, view.size(), 0, 0, cv::INTER_AREA);
-  return out.data == image->data.data() ? out.clone() : out;
+  return {};
+}
+
+Result<cv::Mat> load_image(const PreparedCapture& capture, const View& view, int frame) {
+  cv::Mat out(view.size(), CV_8UC3);
+  STGS_TRY(load_image_to(capture, view, frame, out.data));
+  return out;
 }
 
 Result<cv::Mat> load_mask_image(const PreparedCapture& capture, const View& view, int frame) {
   STGS_TRY(reject_test(view));
   STGS_ASSIGN(const Image8 image, load_mask(capture, *view.camera, frame));
   if (image.data.empty()) return cv::Mat();
-  cv::Mat out;
-  cv::resize(as_mat(image), out, view.size(), 0, 0, cv::INTER_AREA);
+  cv::Mat out = as_mat(image);
+  if (out.size() != view.size()) cv::resize(out, out, view.size(), 0, 0, cv::INTER_AREA);
   return cv::Mat(out >= 128);
 }
 

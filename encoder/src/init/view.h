@@ -2,6 +2,7 @@
 // A training camera at the working resolution of an initialisation stage, and its images.
 #pragma once
 
+#include <cstdint>
 #include <opencv2/core.hpp>
 #include <string>
 #include <vector>
@@ -62,6 +63,8 @@ std::vector<View> training_views(const PreparedCapture& capture, int max_side);
 // Load the frame (8-bit RGB) or the mask (8-bit, 0 or 255) at the size of the view. A missing mask
 // is an empty matrix. kRuntime for a test camera, which must not influence the points.
 Result<cv::Mat> load_image(const PreparedCapture& capture, const View& view, int frame);
+Status load_image_to(const PreparedCapture& capture, const View& view, int frame,
+                     std::uint8_t* rgb);  // rows without gaps
 Result<cv::Mat> load_mask_image(const PreparedCapture& capture, const View& view, int frame);
 
 // Writes a PNG file atomically.

@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
-#include <condition_variable>
 #include <memory>
-#include <mutex>
 #include <vector>
 
 #include "backend/cuda/hull_sweep.h"
 #include "backend/cuda/kernels.h"
+#include "backend/cuda/lane_pool.h"
 #include "backend/cuda/memory.h"
 #include "backend/cuda/select_gpu.h"
 #include "geometry/hull_sweep.h"
@@ -328,39 +327,15 @@ class Lane {
 
 class CudaHullSweeper final : public geometry::HullSweeper {
  public:
-  explicit CudaHullSweeper(int gpu) : gpu_(gpu) { free_.reserve(kMaxLanes); }
+  explicit CudaHullSweeper(int gpu) : lanes_(gpu, kMaxLanes) {}
   Status run(HullSweep& sweep) override {
-    const std::shared_ptr<Lane> lane(take().release(), [this](Lane* used) { give_back(used); });
-    const Status status = lane->run(sweep);
+    const Status status = lanes_.take()->run(sweep);
     if (status.ok()) return {};
     return {status.code(), status.message() + "; or use --backend cpu"};
   }
 
  private:
-  std::unique_ptr<Lane> take() {
-    std::unique_lock lock(mutex_);
-    returned_.wait(lock, [this] { return !free_.empty() || lanes_ < kMaxLanes; });
-    if (free_.empty()) {
-      auto lane = std::make_unique<Lane>(gpu_);
-      ++lanes_;
-      return lane;
-    }
-    std::unique_ptr<Lane> lane = std::move(free_.back());
-    free_.pop_back();
-    return lane;
-  }
-
-  void give_back(Lane* lane) {
-    const std::lock_guard lock(mutex_);
-    free_.emplace_back(lane);
-    returned_.notify_one();
-  }
-
-  const int gpu_;
-  std::mutex mutex_;
-  std::condition_variable returned_;
-  std::vector<std::unique_ptr<Lane>> free_;
-  std::size_t lanes_ = 0;
+  cuda::LanePool<Lane> lanes_;
 };
 
 }  // namespace

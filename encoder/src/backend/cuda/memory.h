@@ -127,6 +127,15 @@ class Event {
     return cuda_status(cudaEventCreateWithFlags(&event_, cudaEventDisableTiming),
                        "creating an event");
   }
+  // For wait().
+  Status create_blocking() {
+    if (event_ != nullptr) return {};
+    return cuda_status(
+        cudaEventCreateWithFlags(&event_, cudaEventDisableTiming | cudaEventBlockingSync),
+        "creating an event");
+  }
+  // Waits without use of a core.
+  Status wait() const { return cuda_status(cudaEventSynchronize(event_), "waiting for the GPU"); }
   operator cudaEvent_t() const { return event_; }  // NOLINT: implicit by design
 
  private:
