@@ -9,6 +9,7 @@
 #include "catch.h"
 #include "geometry/ray_votes.h"
 #include "geometry/stereo.h"
+#include "geometry/sweep_rule.h"
 #include "vector_targets.h"
 
 using namespace stgs::encoder::geometry;
@@ -106,6 +107,60 @@ TEST_CASE("vectors give the costs of a plane sweep", "[sweep]") {
         CHECK(costs.seen[at] == (in_one < 0 ? 0 : 1) + (in_two < 0 ? 0 : 1));
         CHECK(costs.first[at] == Approx(std::min(p, q)).margin(1e-3));
         CHECK(costs.second[at] == Approx(std::max(p, q)).margin(1e-3));
+      }
+    }
+  });
+}
+
+TEST_CASE("a mask changes no cost inside of it", "[sweep]") {
+  const int width = 61, height = 13, window = GENERATE(1, 5);
+  const Image a = noise(width, height, 1), b = noise(40, 29, 2);
+  const std::vector<std::uint32_t> corners = corners_of(b.grey.data(), b.width, b.height);
+  const SweepSource source{corners.data(), nullptr, b.width, b.height};
+  const float h[9] = {0.6f, 0.05f, 0.2f, -0.04f, 1.1f, 2.3f, 1e-3f, -2e-3f, 1.0f};
+  // Rows without a pixel, with one at each border, and with some inside.
+  std::vector<std::uint8_t> mask(static_cast<std::size_t>(width) * height, 0);
+  const auto set = [&](int x, int y) { mask[static_cast<std::size_t>(y) * width + x] = 255; };
+  set(0, 3), set(60, 4), set(31, 8), set(32, 8), set(15, 9), set(48, 12);
+  stgs::testing::for_each_vector_target([&] {
+    const auto costs_of = [&](const std::uint8_t* wanted) {
+      const SweepReference reference = make_sweep_reference({a.grey.begin(), a.grey.end()}, width,
+                                                            height, window, wanted, width);
+      PlaneCosts costs;
+      reset(reference, &costs);
+      for (int k = 0; k < 3; ++k) add_source(reference, source, h, &costs);
+      std::vector<std::uint8_t> out(mask.size());
+      volume_costs(reference, costs, out.data());
+      return out;
+    };
+    const std::vector<std::uint8_t> all = costs_of(nullptr), masked = costs_of(mask.data());
+    for (std::size_t i = 0; i < mask.size(); ++i)
+      if (mask[i] != 0) CHECK(masked[i] == all[i]);
+  });
+}
+
+TEST_CASE("costs of a volume are those of the scalar rule", "[sweep]") {
+  const int width = 37, height = 3;
+  const SweepReference reference =
+      make_sweep_reference(std::vector<float>(width * height, 9.0f), width, height, 1);
+  PlaneCosts costs;
+  reset(reference, &costs);
+  std::mt19937 random(5);
+  std::uniform_real_distribution<float> cost(0.0f, 1.0f);
+  for (std::size_t i = 0; i < costs.first.size(); ++i) {
+    costs.first[i] = cost(random);
+    costs.second[i] = std::max(costs.first[i], cost(random));
+    costs.seen[i] = static_cast<float>(random() % 5);
+  }
+  stgs::testing::for_each_vector_target([&] {
+    std::vector<std::uint8_t> out(static_cast<std::size_t>(width) * height);
+    volume_costs(reference, costs, out.data());
+    for (int y = 0; y < height; ++y) {
+      for (int x = 0; x < width; ++x) {
+        const std::size_t at = static_cast<std::size_t>(y) * reference.pitch + x;
+        const int expected = volume_cost(costs.first[at], costs.second[at], costs.seen[at]);
+        // Rounding decides between two levels.
+        CHECK(std::abs(out[static_cast<std::size_t>(y) * width + x] - expected) <= 1);
       }
     }
   });

@@ -9,16 +9,26 @@
 
 namespace stgs::encoder::geometry {
 
+// The columns [first, last) of a row.
+struct Columns {
+  int first, last;
+};
+
 // The swept part of an image, with fewer than 2^31 pixels. Windows continue beyond its border with
 // the values on it. Rows are padded to whole vectors: pixel (x, y) is at y * pitch + x.
 struct SweepReference {
   int width = 0, height = 0, pitch = 0;
   int window = 1;                           // side, pixels, odd
   std::vector<float> grey, mean, variance;  // the latter two of the windows
+  // For each row, whole vectors: where costs are wanted, where windows are summed up for these, and
+  // where sources are sampled for the sums.
+  std::vector<Columns> costs, sums, samples;
 };
-// Computes the statistics of the windows of `grey`, width x height values.
+// Computes the statistics of the windows of `grey`, width x height values. `mask`, of rows `step`
+// bytes apart: 0 where the cost of a pixel does not matter; null: all costs are wanted.
 SweepReference make_sweep_reference(const std::vector<float>& grey, int width, int height,
-                                    int window);
+                                    int window, const std::uint8_t* mask = nullptr,
+                                    std::ptrdiff_t step = 0);
 
 // An image to compare with. `corners`: see StereoImage.
 struct SweepSource {
@@ -40,5 +50,8 @@ void reset(const SweepReference& reference, PlaneCosts* costs);
 // reference's pixels to the source's. Thread-safe for different costs.
 void add_source(const SweepReference& reference, const SweepSource& source, const float (&h)[9],
                 PlaneCosts* costs);
+
+// Writes volume_cost() of all pixels, width x height values, undefined where costs do not matter.
+void volume_costs(const SweepReference& reference, const PlaneCosts& costs, std::uint8_t* out);
 
 }  // namespace stgs::encoder::geometry

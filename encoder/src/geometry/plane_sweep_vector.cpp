@@ -29,7 +29,7 @@ void extend(float* row, int width, int margin) {
 }
 
 // The values of a source at the pixels of a row of the reference, and 1 where they are seen.
-void warp_row(const SweepSource& source, const float (&h)[9], int pitch, int y, float* values,
+void warp_row(const SweepSource& source, const float (&h)[9], Columns columns, int y, float* values,
               float* seen) {
   const GreyTag d;
   const hn::RebindToSigned<GreyTag> di;
@@ -39,7 +39,7 @@ void warp_row(const SweepSource& source, const float (&h)[9], int pitch, int y, 
   const GreyImage<GreyTag> image(source.corners, source.width, source.height);
   const GreyV last_x = hn::Set(d, static_cast<float>(source.width) - 0.5f);
   const GreyV last_y = hn::Set(d, static_cast<float>(source.height) - 0.5f);
-  for (int x = 0; x < pitch; x += kLanes) {
+  for (int x = columns.first; x < columns.last; x += kLanes) {
     const GreyV u = hn::Add(hn::Iota(d, 0), hn::Set(d, static_cast<float>(x)));
     const GreyV z = hn::MulAdd(hn::Set(d, h[6]), u, hn::Set(d, h[7] * v + h[8]));
     const GreyV unit = hn::Div(one, hn::Max(z, hn::Set(d, 1e-9f)));
@@ -168,10 +168,10 @@ void compare(const SweepReference& reference, const SweepSource& source, const f
   const int reach = reference.window / 2;
   Sums sums(reference, 3, &costs.sums);
   for (int y = 0; y < reference.height; ++y)
-    warp_row(source, h, reference.pitch, y, row_of(reference, costs.warped, y),
+    warp_row(source, h, reference.samples[y], y, row_of(reference, costs.warped, y),
              row_of(reference, costs.visible, y));
   for (int y = 0; y < reference.height; ++y) {
-    for (int x = 0; x < reference.pitch; x += kLanes) {
+    for (int x = reference.sums[y].first; x < reference.sums[y].last; x += kLanes) {
       GreyV b = hn::Zero(d), bb = b, ab = b;
       for (int k = -reach; k <= reach; ++k) {
         const GreyV value = hn::LoadU(d, row_of(reference, costs.warped, y + k) + x);
@@ -187,7 +187,7 @@ void compare(const SweepReference& reference, const SweepSource& source, const f
     const auto load = [&](auto& values, int x) {
       return hn::LoadU(d, row_of(reference, values, y) + x);
     };
-    for (int x = 0; x < reference.pitch; x += kLanes) {
+    for (int x = reference.costs[y].first; x < reference.costs[y].last; x += kLanes) {
       const Windows windows{
           load(reference.grey, x), load(reference.mean, x), load(reference.variance, x),
           load(costs.warped, x),   sums.mean(0, x),         sums.mean(1, x),
@@ -195,6 +195,32 @@ void compare(const SweepReference& reference, const SweepSource& source, const f
       update(cost_of(windows), load(costs.visible, x), row_of(reference, costs.first, y) + x,
              row_of(reference, costs.second, y) + x, row_of(reference, costs.seen, y) + x);
     }
+  }
+}
+
+// Writes volume_cost() of a row, up to a whole vector.
+void round_row(const float* first, const float* second, const float* seen, int width,
+               std::uint8_t* out) {
+  const GreyTag d;
+  const hn::RebindToSigned<GreyTag> di;
+  const hn::Rebind<std::uint8_t, GreyTag> d8;
+  const GreyV half = hn::Set(d, 0.5f);
+  for (int x = 0; x < width; x += kLanes) {
+    const GreyV best = hn::LoadU(d, first + x);
+    const GreyV mean = hn::Mul(half, hn::Add(best, hn::LoadU(d, second + x)));
+    const auto has_three = hn::Gt(hn::LoadU(d, seen + x), hn::Set(d, 2.5f));
+    const GreyV cost = hn::IfThenElse(has_three, mean, best);
+    const auto level = hn::ConvertTo(di, hn::MulAdd(cost, hn::Set(d, 254.0f), half));
+    hn::StoreU(hn::DemoteTo(d8, level), d8, out + x);
+  }
+}
+
+void round_costs(const SweepReference& reference, const PlaneCosts& costs, std::uint8_t* out) {
+  std::vector<std::uint8_t> row(static_cast<std::size_t>(reference.pitch));
+  for (int y = 0; y < reference.height; ++y, out += reference.width) {
+    round_row(row_of(reference, costs.first, y), row_of(reference, costs.second, y),
+              row_of(reference, costs.seen, y), reference.pitch, row.data());
+    std::copy_n(row.data(), reference.width, out);
   }
 }
 
@@ -207,10 +233,53 @@ namespace stgs::encoder::geometry {
 
 HWY_EXPORT(find_statistics);
 HWY_EXPORT(compare);
+HWY_EXPORT(round_costs);
+
+namespace {
+
+constexpr int kMaxLanes = 16;
+
+// Returns the whole vectors that hold the columns, of those within the pitch.
+Columns whole_vectors(Columns columns, int pitch) {
+  if (columns.first >= columns.last) return {0, 0};
+  return {std::max(columns.first, 0) / kMaxLanes * kMaxLanes,
+          std::min((columns.last + kMaxLanes - 1) / kMaxLanes * kMaxLanes, pitch)};
+}
+
+// Returns the columns from the first to the last pixel whose mask is not 0.
+Columns masked_columns(const std::uint8_t* row, int width) {
+  Columns out{0, width};
+  while (out.first < width && row[out.first] == 0) ++out.first;
+  while (out.last > out.first && row[out.last - 1] == 0) --out.last;
+  return out;
+}
+
+void set_columns(const std::uint8_t* mask, std::ptrdiff_t step, SweepReference& reference) {
+  const int reach = reference.window / 2, height = reference.height;
+  std::vector<Columns> windows;  // of the wanted pixels
+  for (int y = 0; y < height; ++y) {
+    Columns wanted{0, reference.width};
+    if (mask != nullptr) wanted = masked_columns(mask + y * step, reference.width);
+    reference.costs.push_back(whole_vectors(wanted, reference.pitch));
+    const bool is_empty = wanted.first >= wanted.last;
+    windows.push_back(is_empty ? Columns{0, 0}
+                               : Columns{wanted.first - reach, wanted.last + reach});
+    reference.sums.push_back(whole_vectors(windows.back(), reference.pitch));
+  }
+  for (int y = 0; y < height; ++y) {
+    Columns all{reference.width, 0};
+    for (int k = std::max(y - reach, 0); k <= std::min(y + reach, height - 1); ++k) {
+      if (windows[k].first >= windows[k].last) continue;
+      all = {std::min(all.first, windows[k].first), std::max(all.last, windows[k].last)};
+    }
+    reference.samples.push_back(whole_vectors(all, reference.pitch));
+  }
+}
+
+}  // namespace
 
 SweepReference make_sweep_reference(const std::vector<float>& grey, int width, int height,
-                                    int window) {
-  constexpr int kMaxLanes = 16;
+                                    int window, const std::uint8_t* mask, std::ptrdiff_t step) {
   SweepReference out;
   out.width = width;
   out.height = height;
@@ -223,6 +292,7 @@ SweepReference make_sweep_reference(const std::vector<float>& grey, int width, i
   for (int y = 0; y < height; ++y)
     std::copy_n(grey.data() + static_cast<std::ptrdiff_t>(y) * width, width,
                 out.grey.data() + static_cast<std::ptrdiff_t>(y) * out.pitch);
+  set_columns(mask, step, out);
   HWY_DYNAMIC_DISPATCH(find_statistics)(out);
   return out;
 }
@@ -238,6 +308,10 @@ void reset(const SweepReference& reference, PlaneCosts* costs) {
 void add_source(const SweepReference& reference, const SweepSource& source, const float (&h)[9],
                 PlaneCosts* costs) {
   HWY_DYNAMIC_DISPATCH(compare)(reference, source, h, *costs);
+}
+
+void volume_costs(const SweepReference& reference, const PlaneCosts& costs, std::uint8_t* out) {
+  HWY_DYNAMIC_DISPATCH(round_costs)(reference, costs, out);
 }
 
 }  // namespace stgs::encoder::geometry

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "geometry/stereo_rows.h"
+#include "stgs/format/parallel.h"
 
 namespace stgs::encoder::geometry {
 namespace {
@@ -20,6 +21,7 @@ constexpr float kConsistency = 0.05f;  // cost per pixel of reprojection error
 constexpr float kMaxCost = 0.5f;
 constexpr float kMaxDepthError = 0.01f;        // relative
 constexpr float kMaxReprojectionError = 1.5f;  // pixels
+constexpr int kRowsPerTask = 16;
 
 // The images of a view at one size.
 struct Level {
@@ -93,14 +95,17 @@ class CpuMatcher final : public ViewMatcher {
  public:
   std::string name() const override { return "cpu"; }
   Status run(const ViewPass& pass) override {
-    const int height = pass.problem.reference.height;
-    for (int y = 0; pass.from_random && y < height; ++y)
-      start_row(pass.problem, pass.map, y, pass.seed);
+    // Threads that have finished their views take rows.
+    const auto for_rows = [&pass](const auto& body) {
+      parallel_blocks(0, pass.problem.reference.height, kRowsPerTask, [&](int first, int last) {
+        for (int y = first; y < last; ++y) body(y);
+      });
+    };
+    if (pass.from_random)
+      for_rows([&pass](int y) { start_row(pass.problem, pass.map, y, pass.seed); });
     for (int k = pass.first; k < pass.first + pass.iterations; ++k) {
-      for (const int colour : {0, 1}) {
-        for (int y = 0; y < height; ++y)
-          update_row(pass.problem, pass.map, y, colour, k, pass.seed);
-      }
+      for (const int colour : {0, 1})
+        for_rows([&](int y) { update_row(pass.problem, pass.map, y, colour, k, pass.seed); });
     }
     return {};
   }

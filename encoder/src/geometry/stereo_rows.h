@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// PatchMatch over the pixels of a row on the CPU, with vectors over the pixels of a support.
+// PatchMatch over the pixels of a row on the CPU, with vectors over hypotheses.
 #pragma once
 
 #include "geometry/patch_match.h"

@@ -1,211 +1,101 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "geometry/stereo_rows.h"
 
-#include <cmath>
-
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "geometry/stereo_vector.cpp"
 #include <hwy/foreach_target.h>
 // Must follow foreach_target.h, which includes this file once per target.
 #include <hwy/highway.h>
 
-#include "geometry/grey_vector-inl.h"
+#include "geometry/stereo_support-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace stgs::encoder::geometry::HWY_NAMESPACE {
 namespace {
 
-// The lanes of a vector hold the hypotheses of a pixel.
-using Tag = hn::CappedTag<float, kMaxCandidates>;
-using V = hn::Vec<Tag>;
-using M = hn::Mask<Tag>;
-
-constexpr int kLanes = static_cast<int>(hn::MaxLanes(Tag()));
-constexpr int kSupportLanes = static_cast<int>(hn::MaxLanes(GreyTag()));
-// Pixels of a support, up to a whole vector.
-constexpr int kSupportPadded = (kSupportSize + kSupportLanes - 1) / kSupportLanes * kSupportLanes;
-
-HWY_INLINE V of(float value) {
-  return hn::Set(Tag(), value);
-}
-
-struct V3 {
-  V x, y, z;
-};
-
-HWY_INLINE V dot(V3 a, Vec3 b) {
-  return hn::MulAdd(a.x, of(b.x), hn::MulAdd(a.y, of(b.y), hn::Mul(a.z, of(b.z))));
-}
-
-HWY_INLINE V3 plus(V3 a, Vec3 b) {
-  return {hn::Add(a.x, of(b.x)), hn::Add(a.y, of(b.y)), hn::Add(a.z, of(b.z))};
-}
-
-HWY_INLINE V3 times(const Mat3& m, V3 a) {
-  return {dot(a, {m.xx, m.xy, m.xz}), dot(a, {m.yx, m.yy, m.yz}), dot(a, {m.zx, m.zy, m.zz})};
-}
-
-HWY_INLINE V3 transposed_times(const Mat3& m, V3 a) {
-  return {dot(a, {m.xx, m.yx, m.zx}), dot(a, {m.xy, m.yy, m.zy}), dot(a, {m.xz, m.yz, m.zz})};
-}
-
-// 1 / a, for a > 0; the largest error is a few units in the last place.
-HWY_INLINE V inverse(V a) {
-  const V guess = hn::ApproximateReciprocal(a);
-  return hn::Mul(guess, hn::NegMulAdd(a, guess, of(2.0f)));
-}
-
-// The hypotheses of a pixel.
+// The hypotheses of a group, kMaxCandidates places per pixel.
 struct Candidates {
-  HWY_ALIGN float depth[kMaxCandidates], x[kMaxCandidates], y[kMaxCandidates], z[kMaxCandidates];
-  int count = 0;
+  static constexpr int kPlaces = kPixels * kMaxCandidates;
+  HWY_ALIGN float depth[kPlaces], x[kPlaces], y[kPlaces], z[kPlaces];
+  int count[kPixels] = {};
+  int pixel = 0;  // whose hypotheses are added
 
   void consider(Hypothesis plane) {
-    if (!(plane.depth > 0.0f)) return;
-    depth[count] = plane.depth;
-    x[count] = plane.normal.x;
-    y[count] = plane.normal.y;
-    z[count] = plane.normal.z;
-    ++count;
+    if (plane.depth > 0.0f) set(pixel * kMaxCandidates + count[pixel]++, plane);
   }
   Hypothesis at(int k) const { return {depth[k], {x[k], y[k], z[k]}}; }
-  // Repeats the first one in the rest of the last vector.
+  // Sets the other places to a hypothesis of their pixel, or to any if it has none.
   void fill() {
-    for (int k = count; k % kLanes != 0; ++k) {
-      depth[k] = depth[0];
-      x[k] = x[0];
-      y[k] = y[0];
-      z[k] = z[0];
+    for (int p = 0; p < kPixels; ++p) {
+      const int first = p * kMaxCandidates;
+      const Hypothesis plane = count[p] > 0 ? at(first) : Hypothesis{1.0f, {0.0f, 0.0f, -1.0f}};
+      for (int k = count[p]; k < kMaxCandidates; ++k) set(first + k, plane);
     }
   }
-};
-
-// The weights of a support by the difference of grey values, and by position.
-struct Weights {
-  float of_grey[256], of_place[kSupportPadded];
-  HWY_ALIGN float dx[kSupportPadded], dy[kSupportPadded];
-
-  Weights() {
-    for (int k = 0; k < 256; ++k) of_grey[k] = std::exp(-static_cast<float>(k) / kGreySigma);
-    for (int k = 0; k < kSupportPadded; ++k) {
-      const bool padding = k >= kSupportSize;
-      dx[k] = padding ? 0.0f : static_cast<float>(support_offset(k % kSupportSide));
-      dy[k] = padding ? 0.0f : static_cast<float>(support_offset(k / kSupportSide));
-      of_place[k] = std::exp(-(dx[k] * dx[k] + dy[k] * dy[k]) / (2.0f * kSpaceSigma * kSpaceSigma));
-    }
-  }
-};
-
-// The pixels of a support that are inside the image.
-class SupportPixels {
- public:
-  // load_support().
-  SupportPixels(const StereoImage& image, int x, int y) {
-    static const Weights weights;
-    const GreyTag d;
-    const hn::RebindToSigned<GreyTag> di;
-    const hn::RebindToUnsigned<GreyTag> du;
-    const GreyV centre = hn::Set(d, grey_at(image, x, y));
-    const auto u_at = hn::Set(di, x), v_at = hn::Set(di, y), width = hn::Set(di, image.width);
-    GreyV sum = hn::Zero(d), mean = sum, square = sum;
-    for (int k = 0; k < kSupportPadded; k += kSupportLanes) {
-      const GreyV dx = hn::Load(d, weights.dx + k), dy = hn::Load(d, weights.dy + k);
-      const auto u = hn::Add(u_at, hn::ConvertTo(di, dx)), v = hn::Add(v_at, hn::ConvertTo(di, dy));
-      const auto lane = hn::Add(hn::Iota(di, 0), hn::Set(di, k));
-      auto inside = hn::And(hn::Gt(u, hn::Set(di, -1)), hn::Gt(v, hn::Set(di, -1)));
-      inside = hn::And(inside, hn::And(hn::Lt(u, width), hn::Lt(v, hn::Set(di, image.height))));
-      inside = hn::And(inside, hn::Lt(lane, hn::Set(di, kSupportSize)));
-      const auto index = hn::IfThenElseZero(inside, hn::Add(hn::Mul(v, width), u));
-      const GreyV value = corner<0>(d, hn::GatherIndex(du, image.corners, index));
-      const auto difference = hn::ConvertTo(di, hn::AbsDiff(value, centre));
-      const GreyV either = hn::Mul(hn::GatherIndex(d, weights.of_grey, difference),
-                                   hn::LoadU(d, weights.of_place + k));
-      const auto counts = hn::RebindMask(d, inside);
-      const GreyV weight = hn::IfThenElseZero(counts, either), weighted = hn::Mul(weight, value);
-      hn::CompressStore(weight, counts, d, weight_ + count_);
-      hn::CompressStore(weighted, counts, d, weighted_ + count_);
-      hn::CompressStore(dx, counts, d, dx_ + count_);
-      hn::CompressStore(dy, counts, d, dy_ + count_);
-      count_ += static_cast<int>(hn::CountTrue(d, counts));
-      sum = hn::Add(sum, weight);
-      mean = hn::Add(mean, weighted);
-      square = hn::MulAdd(weighted, value, square);
-    }
-    unit_ = 1.0f / hn::GetLane(hn::SumOfLanes(d, sum));
-    mean_ = hn::GetLane(hn::SumOfLanes(d, mean)) * unit_;
-    variance_ = math::larger(hn::GetLane(hn::SumOfLanes(d, square)) * unit_ - mean_ * mean_, 0.0f);
-  }
-
-  // support_sums() and correlation_cost(). `x`, `y`, `z`: the rows of the homography, from the
-  // pixel's position to a source's pixels and their depth; their members are the factors of u and
-  // v, and the value at the pixel.
-  HWY_INLINE V cost(const StereoImage& source, V3 x, V3 y, V3 z) const {
-    const GreyImage<Tag> image(source.corners, source.width, source.height);
-    V b = of(0.0f), bb = b, ab = b;
-    for (int k = 0, count = count_; k < count; ++k) {
-      const V dx = of(dx_[k]), dy = of(dy_[k]), weight = of(weight_[k]);
-      const V unit = inverse(hn::Max(along(z, dx, dy), of(1e-9f)));
-      const V value = image.at(hn::Mul(along(x, dx, dy), unit), hn::Mul(along(y, dx, dy), unit));
-      const V product = hn::Mul(weight, value);
-      b = hn::Add(b, product);
-      bb = hn::MulAdd(product, value, bb);
-      ab = hn::MulAdd(of(weighted_[k]), value, ab);
-    }
-    return cost_of(hn::Mul(b, of(unit_)), hn::Mul(bb, of(unit_)), hn::Mul(ab, of(unit_)));
-  }
+  // The places up to the last hypothesis.
+  int used() const { return kPixels == 1 ? count[0] : kPlaces; }
 
  private:
-  static HWY_INLINE V along(V3 row, V dx, V dy) {
-    return hn::MulAdd(row.x, dx, hn::MulAdd(row.y, dy, row.z));
+  void set(int k, Hypothesis plane) {
+    depth[k] = plane.depth;
+    x[k] = plane.normal.x;
+    y[k] = plane.normal.y;
+    z[k] = plane.normal.z;
   }
-
-  HWY_INLINE V cost_of(V b, V bb, V ab) const {
-    const V one = of(1.0f), floor = of(kTextureFloor), mean = of(mean_);
-    const V variance = hn::Add(hn::Max(hn::NegMulAdd(b, b, bb), of(0.0f)), floor);
-    const V spread = hn::Sqrt(hn::Mul(of(variance_ + kTextureFloor), variance));
-    const V correlation = hn::Div(hn::NegMulAdd(mean, b, ab), spread);
-    const V grey = hn::Min(one, hn::Mul(hn::AbsDiff(mean, b), of(1.0f / kGreyScale)));
-    return hn::MulAdd(of(1.0f - kGreyShare), hn::Min(one, hn::Sub(one, correlation)),
-                      hn::Mul(of(kGreyShare), grey));
-  }
-
-  // With room for a whole vector after the last.
-  HWY_ALIGN float weight_[kSupportPadded + kSupportLanes],
-      weighted_[kSupportPadded + kSupportLanes];
-  HWY_ALIGN float dx_[kSupportPadded + kSupportLanes], dy_[kSupportPadded + kSupportLanes];
-  int count_ = 0;
-  float unit_, mean_, variance_;
 };
 
-// Searches the plane of pixel (x, y).
-class PixelSearch {
+// Searches the planes of a group of pixels of row y.
+class GroupSearch {
  public:
-  PixelSearch(const StereoProblem& problem, int x, int y)
+  GroupSearch(const StereoProblem& problem, const PixelGroup& group, int y)
       : problem_(problem),
-        u_(static_cast<float>(x) + 0.5f),
+        group_(group),
+        y_(y),
         v_(static_cast<float>(y) + 0.5f),
-        ray_(ray_at(problem.reference, u_, v_)),
-        support_(problem.reference, x, y) {}
+        support_(problem.reference, group, y) {
+    float u[kPixels], ray_x[kPixels];
+    for (int p = 0; p < kPixels; ++p) {
+      best_[p] = {0.0f, {0.0f, 0.0f, -1.0f}};
+      cost_[p] = 1e9f;
+      u[p] = static_cast<float>(group.x[p]) + 0.5f;
+      const Vec3 ray = ray_at(problem.reference, u[p], v_);
+      ray_x[p] = ray.x;
+      ray_y_ = ray.y;
+    }
+    hn::Store(of_each(u), Tag(), u_);
+    hn::Store(of_each(ray_x), Tag(), ray_x_);
+  }
 
   // Search::consider(), of several hypotheses.
   void consider(Candidates& candidates) {
     candidates.fill();
-    HWY_ALIGN float costs[kMaxCandidates];
+    HWY_ALIGN float costs[Candidates::kPlaces];
     const Tag d;
-    for (int k = 0; k < candidates.count; k += kLanes) {
+    for (int k = 0; k < candidates.used(); k += kLanes) {
       const V3 normal = {hn::Load(d, candidates.x + k), hn::Load(d, candidates.y + k),
                          hn::Load(d, candidates.z + k)};
       hn::Store(cost_of(hn::Load(d, candidates.depth + k), normal), d, costs + k);
     }
-    for (int k = 0; k < candidates.count; ++k) {
-      if (!(costs[k] < cost_)) continue;
-      cost_ = costs[k];
-      best_ = candidates.at(k);
+    for (int p = 0; p < group_.count; ++p) {
+      const int first = p * kMaxCandidates;
+      for (int k = first; k < first + candidates.count[p]; ++k) {
+        if (!(costs[k] < cost_[p])) continue;
+        cost_[p] = costs[k];
+        best_[p] = candidates.at(k);
+      }
     }
   }
 
-  Hypothesis best() const { return best_; }
-  float cost() const { return cost_; }
+  Hypothesis best(int pixel) const { return best_[pixel]; }
+  float cost(int pixel) const { return cost_[pixel]; }
+  // Stores the best hypotheses of the group.
+  void store(const PlaneMap& map) const {
+    for (int p = 0; p < group_.count; ++p) {
+      const std::size_t at = pixel_index(problem_, group_.x[p], y_);
+      map.planes[at] = best_[p];
+      map.costs[at] = cost_[p];
+    }
+  }
 
  private:
   // hypothesis_cost().
@@ -213,7 +103,9 @@ class PixelSearch {
     static_assert(kMaxSources <= 4, "the better half of the sources are two at most");
     const StereoImage& from = problem_.reference;
     // plane_row().
-    const V unit = hn::Div(of(1.0f), hn::Mul(depth, dot(normal, ray_)));
+    const V u = hn::Load(Tag(), u_);
+    const V3 ray = {hn::Load(Tag(), ray_x_), of(ray_y_), of(1.0f)};
+    const V unit = hn::Div(of(1.0f), hn::Mul(depth, dot(normal, ray)));
     const V rx = hn::Mul(normal.x, hn::Mul(unit, of(1.0f / from.fx)));
     const V ry = hn::Mul(normal.y, hn::Mul(unit, of(1.0f / from.fy)));
     const V rz =
@@ -224,14 +116,15 @@ class PixelSearch {
       const Mat3& h = source.infinite;
       // plane_homography(), at the pixel.
       const V3 row = {rx, ry, rz};
-      const V3 x = row_at({h.xx, h.xy, h.xz}, source.epipole.x, row);
-      const V3 y = row_at({h.yx, h.yy, h.yz}, source.epipole.y, row);
-      const V3 z = row_at({h.zx, h.zy, h.zz}, source.epipole.z, row);
+      const V3 x = row_at({h.xx, h.xy, h.xz}, source.epipole.x, row, u);
+      const V3 y = row_at({h.yx, h.yy, h.yz}, source.epipole.y, row, u);
+      const V3 z = row_at({h.zx, h.zy, h.zz}, source.epipole.z, row, u);
       const M seen = is_seen(source.image, x.z, y.z, z.z);
       if (hn::AllFalse(Tag(), seen)) continue;
       V cost = support_.cost(source.image, between_pixels(x, z), between_pixels(y, z), z);
       if (problem_.consistency > 0.0f)
-        cost = hn::MulAdd(of(problem_.consistency), reprojection_error(source, depth), cost);
+        cost =
+            hn::MulAdd(of(problem_.consistency), reprojection_error(source, depth, ray, u), cost);
       cost = hn::IfThenElse(seen, cost, of(1e9f));
       second = hn::Min(second, hn::Max(first, cost));
       first = hn::Min(first, cost);
@@ -243,11 +136,11 @@ class PixelSearch {
   }
 
   // A row of a homography with its value at the pixel.
-  HWY_INLINE V3 row_at(Vec3 infinite, float epipole, V3 row) const {
+  HWY_INLINE V3 row_at(Vec3 infinite, float epipole, V3 row, V u) const {
     const V e = of(epipole);
     const V a = hn::MulAdd(e, row.x, of(infinite.x)), b = hn::MulAdd(e, row.y, of(infinite.y));
     const V c = hn::MulAdd(e, row.z, of(infinite.z));
-    return {a, b, hn::MulAdd(a, of(u_), hn::MulAdd(b, of(v_), c))};
+    return {a, b, hn::MulAdd(a, u, hn::MulAdd(b, of(v_), c))};
   }
 
   // From pixels whose centres are at +0.5 to those of grey_vector().
@@ -266,11 +159,11 @@ class PixelSearch {
   }
 
   // reprojection_error(), at most kErrorLimit.
-  HWY_INLINE V reprojection_error(const StereoSource& source, V depth) const {
+  HWY_INLINE V reprojection_error(const StereoSource& source, V depth, V3 ray, V u_from) const {
     const Tag d;
     const hn::RebindToSigned<Tag> di;
     const StereoImage &from = problem_.reference, &to = source.image;
-    const V3 point = {hn::Mul(depth, of(ray_.x)), hn::Mul(depth, of(ray_.y)), depth};
+    const V3 point = {hn::Mul(depth, ray.x), hn::Mul(depth, ray.y), depth};
     const V3 there = plus(times(source.rotation, point), source.translation);
     const V unit = hn::Div(of(1.0f), there.z);
     const V u = hn::MulAdd(hn::Mul(there.x, unit), of(to.fx), of(to.cx));
@@ -284,7 +177,7 @@ class PixelSearch {
     const Vec3 t = source.translation;
     const V3 back = transposed_times(source.rotation, plus(seen, {-t.x, -t.y, -t.z}));
     const V scale = hn::Div(of(1.0f), back.z);
-    const V du = hn::MulAdd(hn::Mul(back.x, scale), of(from.fx), of(from.cx - u_));
+    const V du = hn::MulAdd(hn::Mul(back.x, scale), of(from.fx), hn::Sub(of(from.cx), u_from));
     const V dv = hn::MulAdd(hn::Mul(back.y, scale), of(from.fy), of(from.cy - v_));
     const V error = hn::Sqrt(hn::MulAdd(du, du, hn::Mul(dv, dv)));
     const M known = hn::And(inside, hn::And(hn::Gt(found, of(0.0f)), hn::Gt(back.z, of(0.0f))));
@@ -292,40 +185,54 @@ class PixelSearch {
   }
 
   const StereoProblem& problem_;
-  const float u_, v_;
-  const Vec3 ray_;
-  const SupportPixels support_;
-  Hypothesis best_{0.0f, {0.0f, 0.0f, -1.0f}};
-  float cost_ = 1e9f;
+  const PixelGroup& group_;
+  const int y_;
+  const float v_;
+  float ray_y_ = 0.0f;
+  HWY_ALIGN float u_[kLanes], ray_x_[kLanes];
+  const GroupSupport support_;
+  Hypothesis best_[kPixels];
+  float cost_[kPixels];
 };
 
 void start(const StereoProblem& problem, const PlaneMap& map, int y, std::uint64_t seed) {
-  for (int x = 0; x < problem.reference.width; ++x) {
-    const std::size_t at = pixel_index(problem, x, y);
-    PixelSearch search(problem, x, y);
+  const int width = problem.reference.width;
+  for (int x = 0; x < width; x += kPixels) {
+    const PixelGroup group(x, 1, width);
+    GroupSearch search(problem, group, y);
     Candidates drawn;
-    draw(problem, x, y, random_of(seed, at), drawn);
+    for (int p = 0; p < group.count; ++p) {
+      drawn.pixel = p;
+      draw(problem, group.x[p], y, random_of(seed, pixel_index(problem, group.x[p], y)), drawn);
+    }
     search.consider(drawn);
-    map.planes[at] = search.best();
-    map.costs[at] = search.cost();
+    search.store(map);
   }
 }
 
 void update(const StereoProblem& problem, const PlaneMap& map, int y, int colour, int iteration,
             std::uint64_t seed) {
-  for (int x = (y + colour) & 1; x < problem.reference.width; x += 2) {
-    const std::size_t at = pixel_index(problem, x, y);
-    PixelSearch search(problem, x, y);
+  const int width = problem.reference.width;
+  const std::uint64_t own_seed = seed + static_cast<std::uint64_t>(iteration) + 1;
+  for (int x = (y + colour) & 1; x < width; x += 2 * kPixels) {
+    const PixelGroup group(x, 2, width);
+    GroupSearch search(problem, group, y);
     Candidates near, varied;
-    propagate(problem, map, x, y, near);
+    for (int p = 0; p < group.count; ++p) {
+      near.pixel = p;
+      propagate(problem, map, group.x[p], y, near);
+    }
     search.consider(near);
-    const Hypothesis own = map.planes[at];
-    varied.consider(own);
-    vary(problem, x, y, map.costs[at] <= search.cost() ? own : search.best(), iteration,
-         random_of(seed + static_cast<std::uint64_t>(iteration) + 1, at), varied);
+    for (int p = 0; p < group.count; ++p) {
+      const std::size_t at = pixel_index(problem, group.x[p], y);
+      const Hypothesis own = map.planes[at];
+      varied.pixel = p;
+      varied.consider(own);
+      vary(problem, group.x[p], y, map.costs[at] <= search.cost(p) ? own : search.best(p),
+           iteration, random_of(own_seed, at), varied);
+    }
     search.consider(varied);
-    map.planes[at] = search.best();
-    map.costs[at] = search.cost();
+    search.store(map);
   }
 }
 

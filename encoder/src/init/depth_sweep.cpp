@@ -36,33 +36,45 @@ double plane_depth(const SweepSettings& settings, double plane) {
   return 1.0 / (1.0 / settings.farthest + plane * plane_step(settings));
 }
 
+// Computes the costs of a plane against all sources, one per pixel of the region.
+void compare_plane(const SweepImage& reference, const std::vector<const SweepImage*>& others,
+                   const geometry::SweepReference& part, cv::Point origin, double depth,
+                   geometry::PlaneCosts* costs, std::uint8_t* out) {
+  geometry::reset(part, costs);
+  for (const SweepImage* other : others) {
+    const cv::Matx33f h = plane_homography(reference.view, other->view, origin, depth);
+    float row_major[9];
+    std::copy_n(h.val, 9, row_major);
+    geometry::add_source(
+        part,
+        {other->corners.data(), other->usable_words.empty() ? nullptr : other->usable_words.data(),
+         other->view.width, other->view.height},
+        row_major, costs);
+  }
+  geometry::volume_costs(part, *costs, out);
+}
+
 void fill_volume(const SweepImage& reference, const std::vector<const SweepImage*>& others,
                  const SweepSettings& settings, const cv::Rect& region, CostVolume* volume) {
   const cv::Mat grey = reference.grey(region).clone();
+  const cv::Mat mask = settings.mask.empty() ? cv::Mat() : settings.mask(region);
   const geometry::SweepReference part = geometry::make_sweep_reference(
-      {grey.begin<float>(), grey.end<float>()}, region.width, region.height, settings.window);
+      {grey.begin<float>(), grey.end<float>()}, region.width, region.height, settings.window,
+      mask.empty() ? nullptr : mask.data, std::ptrdiff_t(mask.step));
+  const auto pixels = std::size_t(region.area());
   geometry::PlaneCosts costs;
-  for (int plane = 0; plane < volume->planes; ++plane) {
-    const double depth = plane_depth(settings, plane);
-    geometry::reset(part, &costs);
-    for (const SweepImage* other : others) {
-      const cv::Matx33f h = plane_homography(reference.view, other->view, region.tl(), depth);
-      float row_major[9];
-      std::copy_n(h.val, 9, row_major);
-      geometry::add_source(part,
-                           {other->corners.data(),
-                            other->usable_words.empty() ? nullptr : other->usable_words.data(),
-                            other->view.width, other->view.height},
-                           row_major, &costs);
+  // The volume is written for several planes at a time, because those of a pixel are adjacent.
+  constexpr int kPlanes = 16;
+  std::vector<std::uint8_t> levels(kPlanes * pixels);
+  for (int first = 0; first < volume->planes; first += kPlanes) {
+    const int count = std::min(kPlanes, volume->planes - first);
+    for (int k = 0; k < count; ++k) {
+      compare_plane(reference, others, part, region.tl(), plane_depth(settings, first + k), &costs,
+                    &levels[k * pixels]);
     }
-    for (int y = 0; y < region.height; ++y) {
-      const std::size_t row = std::size_t(y) * part.pitch;
-      std::uint8_t* out = &volume->cost[volume->at(0, y) + plane];
-      for (std::size_t x = 0; x < std::size_t(region.width); ++x) {
-        out[x * volume->pitch] =
-            geometry::volume_cost(costs.first[row + x], costs.second[row + x], costs.seen[row + x]);
-      }
-    }
+    std::uint8_t* out = &volume->cost[first];
+    for (std::size_t i = 0; i < pixels; ++i, out += volume->pitch)
+      for (int k = 0; k < count; ++k) out[k] = levels[k * pixels + i];
   }
 }
 

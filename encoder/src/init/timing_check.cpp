@@ -4,8 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
-#include <cstdlib>
-#include <map>
 #include <opencv2/imgproc.hpp>
 #include <set>
 
@@ -30,8 +28,8 @@ constexpr int kClearlyOnLine = 60;  // matches of a camera that show that it is 
 
 using Counts = std::array<int, kDelays>;
 
-// The matches of two views on their epipolar lines; entry d is between frame t of a and frame
-// t + d - kMaxDelay of b.
+// The matches of two views on their epipolar lines; entry d is between a frame of a and one of b
+// that is d - kMaxDelay frames later.
 struct PairCounts {
   int a = 0, b = 0;
   Counts on_line{};
@@ -61,29 +59,27 @@ int count_on_line(const Features& a, const Features& b, const cv::Matx33d& f) {
   return count;
 }
 
-// The features of the views around a time, by delay.
-using FeaturesAround = std::vector<std::array<Features, kDelays>>;
+// The features of the views from a time on, by the number of frames after it.
+using FeaturesAfter = std::vector<std::array<Features, kMaxDelay + 1>>;
 
-// Adds the counts around a time to all pairs, of the delays from `least` to `most` in both
-// directions, whose features it finds.
+// Adds the counts of the delays from `least` to `most`, in both directions, to all pairs. Finds the
+// features of the frames that are so long after `time`.
 Status count_pairs(const PreparedCapture& capture, const std::vector<View>& views, int time,
-                   int least, int most, Work& work, FeaturesAround* features,
+                   int least, int most, Work& work, FeaturesAfter* features,
                    std::vector<PairCounts>* pairs) {
-  const auto is_counted = [&](int d) {
-    return std::abs(d - kMaxDelay) >= least && std::abs(d - kMaxDelay) <= most;
-  };
-  STGS_TRY(work.for_each(int(views.size()) * kDelays, [&](int i) -> Status {
-    const int view = i / kDelays, d = i % kDelays;
-    if (!is_counted(d)) return {};
-    STGS_ASSIGN((*features)[view][d], moving_features(capture, views[view], time + d - kMaxDelay));
+  const int frames = most - least + 1;
+  STGS_TRY(work.for_each(int(views.size()) * frames, [&](int i) -> Status {
+    const int view = i / frames, later = least + i % frames;
+    STGS_ASSIGN((*features)[view][later], moving_features(capture, views[view], time + later));
     return {};
   }));
   return work.for_each(int(pairs->size()), [&](int i) -> Status {
     PairCounts& pair = (*pairs)[i];
+    const auto &a = (*features)[pair.a], &b = (*features)[pair.b];
     const cv::Matx33d f = fundamental_of(views[pair.a], views[pair.b]);
-    for (int d = 0; d < kDelays; ++d) {
-      if (!is_counted(d)) continue;
-      pair.on_line[d] += count_on_line((*features)[pair.a][kMaxDelay], (*features)[pair.b][d], f);
+    for (int d = least; d <= most; ++d) {
+      pair.on_line[kMaxDelay + d] += count_on_line(a[0], b[d], f);
+      if (d > 0) pair.on_line[kMaxDelay - d] += count_on_line(a[d], b[0], f);
     }
     return {};
   });
@@ -150,8 +146,7 @@ Status check_timing(const PreparedCapture& capture, const std::vector<View>& vie
   if (views.size() <= kMinAgreeing || capture.frames < kDelays) return {};
   std::set<int> distinct;
   for (int k = 1; k <= kTimes; ++k) {
-    distinct.insert(
-        std::clamp(k * capture.frames / (kTimes + 1), kMaxDelay, capture.frames - 1 - kMaxDelay));
+    distinct.insert(std::min(k * capture.frames / (kTimes + 1), capture.frames - 1 - kMaxDelay));
   }
   const std::vector<int> times(distinct.begin(), distinct.end());
   work.stage("timing", 4 * static_cast<int>(times.size()));
@@ -160,7 +155,7 @@ Status check_timing(const PreparedCapture& capture, const std::vector<View>& vie
     if (!calibration.is_outlier(a) && !calibration.is_outlier(b)) pairs.push_back({a, b, {}});
   }
   std::vector<int> delays(views.size(), 0);
-  std::vector<FeaturesAround> features(times.size(), FeaturesAround(views.size()));
+  std::vector<FeaturesAfter> features(times.size(), FeaturesAfter(views.size()));
   // A camera that is in time has fewer matches with the frame before and the frame after, and the
   // matches become fewer with the delay. Longer ones matter only in doubt.
   const std::pair<int, int> ranges[] = {{0, 1}, {2, kMaxDelay}};

@@ -79,9 +79,9 @@ Status write_png(const std::string& path, const cv::Mat& rgb_or_grey) {
   std::vector<std::uint8_t> bytes;
   cv::Mat image = rgb_or_grey;
   if (rgb_or_grey.channels() == 3) cv::cvtColor(rgb_or_grey, image, cv::COLOR_RGB2BGR);
-  if (!cv::imencode(".png", image, bytes, {cv::IMWRITE_PNG_COMPRESSION, 3})) {
+  // Without parameters OpenCV uses its fastest settings. Any explicit level tries all filters.
+  if (!cv::imencode(".png", image, bytes))
     return io_error("{}: cannot encode the image as PNG", path);
-  }
   return write_file_atomically(path, bytes);
 }
 
