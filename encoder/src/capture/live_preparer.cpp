@@ -139,7 +139,6 @@ class Rig final : public LivePreparer {
                  const LogSink& log) override {
     InitSettings init = init_settings(name_, settings_);
     init.separate_motion = true;
-    init.use_colmap = false;
     init.write_report = false;
     init.live = backgrounds_;
     init.sweeper = sweeper_;

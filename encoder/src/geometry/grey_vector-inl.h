@@ -44,11 +44,9 @@ class GreyImage {
   HWY_INLINE V at(V u, V v) const {
     const D d;
     const hn::RebindToUnsigned<D> du;
-    const V zero = hn::Zero(d), half = hn::Set(d, 0.5f), integers = hn::Set(d, kIntegers);
+    const V zero = hn::Zero(d), integers = hn::Set(d, kIntegers);
     const V x = hn::Min(hn::Max(u, zero), last_x_), y = hn::Min(hn::Max(v, zero), last_y_);
-    // The pixel to the left of a position that is a pixel is as good.
-    const V x0 = hn::Sub(hn::Add(hn::Sub(x, half), integers), integers);
-    const V y0 = hn::Sub(hn::Add(hn::Sub(y, half), integers), integers);
+    const V x0 = hn::Floor(x), y0 = hn::Floor(y);
     const V ax = hn::Sub(x, x0), ay = hn::Sub(y, y0);
     const auto bits = hn::BitCast(du, hn::Add(hn::MulAdd(y0, width_, x0), integers));
     const auto index = hn::Sub(bits, hn::BitCast(du, integers));
@@ -60,8 +58,8 @@ class GreyImage {
   }
 
  private:
-  // 1.5 * 2^23: the sum with a number below 2^22 is rounded to an integer, which its last bits
-  // hold. That is faster than conversions, which handle overflow.
+  // 1.5 * 2^23: the last bits of the sum with an integer below 2^22 hold the integer. That is
+  // faster than conversions, which handle overflow.
   static constexpr float kIntegers = 12582912.0f;
 
   const std::uint32_t* corners_;

@@ -15,14 +15,14 @@ namespace stgs::encoder::init {
 namespace {
 
 // Per view. With 1500, as many wrong poses are found in twice the time (workshop).
-constexpr std::size_t kMaxFeatures = 800;
+constexpr std::size_t kMaxFeatures = 600;
 constexpr double kContrast = 0.015;      // least contrast of a feature; OpenCV: 0.04
 constexpr int kPartners = 5;             // views by line of sight
 constexpr float kRatio = 0.8f;           // of the distances of the best match and the second
 constexpr double kFixed = 1;             // pixels: positions that differ by less are the same
 constexpr double kInlier = 1.5;          // pixels from the line of a match
 constexpr std::size_t kMinMatches = 16;  // of a pair
-constexpr std::size_t kEnough = 100;     // of a pair: the middle frame is not needed
+constexpr std::size_t kEnough = 80;      // of a pair: the middle frame is not needed
 constexpr double kMinInlierShare = 0.3;
 
 bool is_clear(const geometry::NearestRow& nearest) {

@@ -8,7 +8,6 @@
 #include "init/bounds.h"
 #include "init/calibration_check.h"
 #include "init/dynamic_points.h"
-#include "init/features.h"
 #include "init/motion.h"
 #include "init/point_frames.h"
 #include "init/report.h"
@@ -54,9 +53,7 @@ struct State {
   std::vector<Finding> findings{};
   std::size_t too_near = 0;  // points removed in front of the near plane
   bool with_statics = true;  // false: a later window
-  // Last, because their threads use the members above.
-  FeatureSearch features{};
-  TimingCheck timing{};
+  TimingCheck timing{};      // last, because its threads use the members above
 };
 
 int static_limit(const State& state) {
@@ -171,17 +168,14 @@ Status find_static(State& state) {
 }
 
 Status choose_static(State& state) {
-  STGS_ASSIGN(std::vector<SurfacePoint> sparse,
-              state.features.points(state.agreeing, state.scene.range, state.work));
   state.work.stage("static points");
   const std::vector<InitialPoint>& points = state.settings.points;
   STGS_ASSIGN(const std::vector<SurfacePoint> given,
               given_points(state.capture, state.agreeing, points, state.settings.separate_motion));
-  sparse.insert(sparse.end(), given.begin(), given.end());
-  choose_static_points(sparse, static_limit(state), &state.scene);
-  state.work.log(fmt::format(
-      "static points: {} ({} given or from features, {} from depth, {} interpolated)",
-      state.scene.points.size(), state.scene.sparse, state.scene.swept, state.scene.filled));
+  choose_static_points(given, static_limit(state), &state.scene);
+  state.work.log(fmt::format("static points: {} ({} given, {} from depth, {} interpolated)",
+                             state.scene.points.size(), state.scene.given, state.scene.swept,
+                             state.scene.filled));
   return {};
 }
 
@@ -266,10 +260,9 @@ ReportFacts facts_of(const State& state) {
   const auto add = [&](const char* name, const std::string& value) {
     facts.lines.emplace_back(name, value);
   };
-  add("static points",
-      fmt::format("{} (found: {} given or from features, {} from depth, {} interpolated)",
-                  state.static_points.size(), state.scene.sparse, state.scene.swept,
-                  state.scene.filled));
+  add("static points", fmt::format("{} (found: {} given, {} from depth, {} interpolated)",
+                                   state.static_points.size(), state.scene.given, state.scene.swept,
+                                   state.scene.filled));
   add("dynamic points", fmt::format("{}, {:.0f} per frame", state.dynamic_points.size(),
                                     double(state.dynamic_points.size()) / state.capture.frames));
   add("removed points", fmt::format("{}, in front of the near plane", state.too_near));
@@ -305,8 +298,6 @@ Status run(State& state) {
   STGS_TRY(check_calibration(state));
   STGS_TRY(find_all_motion(state));
   select_agreeing(state);
-  if (state.settings.use_colmap)
-    state.features.start(state.capture, state.agreeing, state.settings.separate_motion, state.work);
   STGS_TRY(find_static(state));
   if (state.settings.separate_motion) {
     STGS_TRY(find_dynamic(state));

@@ -42,7 +42,6 @@ struct InitSettings {
   std::shared_ptr<const CaptureFolder> flow_files;  // the capture of flow_folder; set with it
   // Points that came with the capture, in world space. Velocity and frame are ignored.
   std::vector<InitialPoint> points;
-  bool use_colmap = true;  // triangulate features with COLMAP if it is installed
   bool write_report = true;
   // Of a capture that arrives window by window; null: another. Masks come from these backgrounds
   // alone and velocities from nearest neighbours. Synchronisation is not checked, because the

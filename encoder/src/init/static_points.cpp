@@ -324,22 +324,22 @@ Status refine_static_depth(const std::vector<StaticImage>& inputs, const std::st
   return carve_depth(scene->range.nearest, scene->range.farthest, work, &scene->surfaces);
 }
 
-void choose_static_points(const std::vector<SurfacePoint>& sparse, int limit, StaticScene* scene) {
+void choose_static_points(const std::vector<SurfacePoint>& given, int limit, StaticScene* scene) {
   const double tolerance = 0.03 * (1 / scene->range.nearest - 1 / scene->range.farthest);
-  scene->points = sparse;
+  scene->points = given;
   if (const int kept = limit / 2; int(scene->points.size()) > kept) {
-    // Thins evenly, to reserve points for surfaces without features.
+    // Thins evenly, to reserve points for other surfaces.
     std::vector<SurfacePoint> thinned;
     thinned.reserve(kept);
-    const double stride = double(sparse.size()) / kept;
-    for (int i = 0; i < kept; ++i) thinned.push_back(sparse[std::size_t(i * stride)]);
+    const double stride = double(given.size()) / kept;
+    for (int i = 0; i < kept; ++i) thinned.push_back(given[std::size_t(i * stride)]);
     scene->points = thinned;
   }
-  scene->sparse = int(scene->points.size());
+  scene->given = int(scene->points.size());
   // Reserves a fifth of the limit for unmeasured surfaces.
   const int block = cover_within(scene->surfaces, limit * 4 / 5, tolerance, &scene->points);
-  drop_contradicted(scene->surfaces, std::size_t(scene->sparse), &scene->points);
-  scene->swept = int(scene->points.size()) - scene->sparse;
+  drop_contradicted(scene->surfaces, std::size_t(scene->given), &scene->points);
+  scene->swept = int(scene->points.size()) - scene->given;
   std::vector<Surface> holes = scene->surfaces;
   for (std::size_t i = 0; i < holes.size(); ++i) {
     holes[i].weight = cv::Mat();  // that of the surface must not change

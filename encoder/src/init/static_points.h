@@ -31,7 +31,7 @@ struct StaticScene {
   std::vector<Surface> surfaces;  // per view; depth is dense, weight is above 0 where confirmed
   std::vector<cv::Mat> usable;    // per view, 8-bit: 255 where the background is valid
   std::vector<SurfacePoint> points;
-  int swept = 0, sparse = 0, filled = 0;  // points by origin
+  int swept = 0, given = 0, filled = 0;  // points by origin
 };
 
 // Measures the depth range and the focus by coarse sweeps. inputs[k][view] is image k of a view;
@@ -48,9 +48,9 @@ Status find_static_depth(const std::vector<StaticImage>& inputs, Work& work, Sta
 Status refine_static_depth(const std::vector<StaticImage>& inputs, const std::string& backend,
                            int gpu, Work& work, StaticScene* scene);
 
-// Selects at most `limit` points: from `sparse` first, then confirmed depth, then interpolated
+// Selects at most `limit` points: from `given` first, then confirmed depth, then interpolated
 // depth.
-void choose_static_points(const std::vector<SurfacePoint>& sparse, int limit, StaticScene* scene);
+void choose_static_points(const std::vector<SurfacePoint>& given, int limit, StaticScene* scene);
 
 // Returns the number of sweep planes that are about a pixel apart in the other views, clamped to
 // [low, high].

@@ -162,8 +162,8 @@ typedef struct stgs_prepare_report {
  * points.
  *
  * The folder `prepared` must not exist, be empty or, with `overwrite`, hold a prepared capture.
- * NULL settings: the defaults. NULL report: not returned. Runs the program colmap if it is
- * installed, for better points and to calibrate captures without calibration, which otherwise fail.
+ * NULL settings: the defaults. NULL report: not returned. Runs the program colmap to calibrate
+ * captures without a calibration, which fail if it is not installed.
  * STGS_ERROR_NOT_BUILT: the build lacks OpenCV or FFmpeg; it can train and pack captures prepared
  * elsewhere. */
 STGS_API stgs_result stgs_encoder_prepare(stgs_encoder* encoder, const char* capture,
