@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "geometry/view_matcher.h"
 
+#include "geometry/velocity_matcher.h"
+
 namespace stgs::encoder::geometry {
 
 #if !STGS_HAS_CUDA
@@ -14,6 +16,9 @@ Result<std::unique_ptr<ViewMatcher>> make_cuda_matcher(int) {
   return no_cuda();
 }
 Result<std::unique_ptr<HullSweeper>> make_cuda_hull_sweeper(int) {
+  return no_cuda();
+}
+Result<std::unique_ptr<VelocityMatcher>> make_cuda_velocity_matcher(int) {
   return no_cuda();
 }
 #endif
@@ -55,6 +60,13 @@ Result<std::unique_ptr<HullSweeper>> make_hull_sweeper(const std::string& backen
   if (backend == "cpu") return std::unique_ptr<HullSweeper>();
   if (backend != "cuda" && backend != "auto") return unknown_backend(backend);
   return if_usable(make_cuda_hull_sweeper(gpu), backend, "dynamic points", log);
+}
+
+Result<std::unique_ptr<VelocityMatcher>> make_velocity_matcher(const std::string& backend, int gpu,
+                                                               const LogSink& log) {
+  if (backend == "cpu") return std::unique_ptr<VelocityMatcher>();
+  if (backend != "cuda" && backend != "auto") return unknown_backend(backend);
+  return if_usable(make_cuda_velocity_matcher(gpu), backend, "velocities", log);
 }
 
 }  // namespace stgs::encoder::geometry

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "geometry/velocity_matcher.h"
 #include "geometry/view_matcher.h"
 #include "init/bounds.h"
 #include "init/calibration_check.h"
@@ -201,7 +202,14 @@ Status find_dynamic(State& state) {
 }
 
 Status find_velocities(State& state) {
-  VelocityInput input{state.capture, state.agreeing, state.agreeing_motion, state.frames, 0, {}, 1};
+  VelocityInput input{state.capture, state.agreeing, state.agreeing_motion, state.frames};
+  std::shared_ptr<geometry::VelocityMatcher> gpu = state.settings.velocity_matcher;
+  if (!state.settings.live) {
+    const auto log = [&](int level, const std::string& line) { state.work.log(line, level); };
+    STGS_ASSIGN(gpu,
+                geometry::make_velocity_matcher(state.settings.backend, state.settings.gpu, log));
+  }
+  input.gpu = gpu.get();
   // Upper bound of a plausible velocity: 1/15 of the image width at the focus.
   input.reach = state.scene.focus.depth * state.agreeing[0].width / state.agreeing[0].fx / 15;
   if (state.settings.live) {

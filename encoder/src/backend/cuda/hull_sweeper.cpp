@@ -9,6 +9,7 @@
 #include "backend/cuda/kernels.h"
 #include "backend/cuda/memory.h"
 #include "backend/cuda/select_gpu.h"
+#include "backend/cuda/upload.h"
 #include "geometry/hull_sweep.h"
 
 namespace stgs::encoder {
@@ -21,6 +22,8 @@ using cuda::HullRay;
 using cuda::HullRegion;
 using cuda::HullSample;
 using cuda::HullSpan;
+using cuda::Uploaded;
+using cuda::WaitAtEnd;
 using geometry::HullBox;
 using geometry::HullCamera;
 using geometry::HullReference;
@@ -55,41 +58,6 @@ HullRay ray_of(const HullCamera& from, const HullCamera& to, const float* hiding
   return {
       source.infinite, source.translation, hiding, to.width, to.height, to.fx, to.fy, to.cx, to.cy};
 }
-
-// Arrays of the host, one after the other on the device.
-template <typename T>
-class Uploaded {
- public:
-  // Starts again, for arrays with so many values in total.
-  Status start(std::size_t total) {
-    used_ = 0;
-    return array_.ensure(std::max<std::size_t>(total, 1));
-  }
-  // Copies an array, which must outlive the copy, and sets its address on the device.
-  Status add(const T* values, std::size_t n, cudaStream_t stream, const T** out) {
-    *out = array_.data() + used_;
-    used_ += n;
-    return cuda_status(cudaMemcpyAsync(array_.data() + used_ - n, values, n * sizeof(T),
-                                       cudaMemcpyHostToDevice, stream),
-                       "uploading a frame");
-  }
-  Status set(const std::vector<T>& values, cudaStream_t stream) {
-    const T* address = nullptr;
-    STGS_TRY(start(values.size()));
-    return add(values.data(), values.size(), stream, &address);
-  }
-  T* data() const { return array_.data(); }
-
- private:
-  DeviceArray<T> array_;
-  std::size_t used_ = 0;
-};
-
-// Waits also after an error or an exception, because copies read the memory of the caller.
-struct WaitAtEnd {
-  const cuda::Stream& stream;
-  ~WaitAtEnd() { (void)stream.wait(); }
-};
 
 // The memory and the stream of one frame.
 class Lane {
