@@ -14,6 +14,8 @@ inline constexpr float kColourScale =
     48.0f;  // colour difference with the maximum cost, grey levels
 inline constexpr float kColourShare = 0.35f;  // weight of the colour term in the cost
 inline constexpr int kSweepWindow = 5;        // side of the correlated windows, pixels
+// Of a sweep on a GPU, at most: images that a reference is swept against, and planes.
+inline constexpr int kSweepSources = 3, kMaxSweepPlanes = 128;
 
 // Costs of a plane in the cost volume, from 0 (equal) to 254.
 inline constexpr std::uint8_t kImpossible = 255;
