@@ -9,6 +9,7 @@
 #include "catch.h"
 #include "geometry/ray_votes.h"
 #include "geometry/stereo.h"
+#include "geometry/sweep_cost.h"
 #include "geometry/sweep_rule.h"
 #include "vector_targets.h"
 
@@ -74,6 +75,36 @@ double cost_of(const Image& a, const Image& b, const std::vector<std::uint32_t>&
       0.5 * (std::abs(ma - mb) + std::abs(a.at(x, y) - b.between(centre.x, centre.y)));
   return std::clamp(0.65 * std::min(1.0, 1 - correlation) + 0.35 * std::min(1.0, colour / 48), 0.0,
                     1.0);
+}
+
+// The costs of sweep_cost.h, 1 where the source does not see the pixel.
+std::vector<float> plain_costs(const Image& a, const SweepSource& source,
+                               const SweepMapping& mapping, const float (&last)[3]) {
+  constexpr int kReach = kSweepWindow / 2;
+  const int pitch = a.width + 2 * kReach, rows = a.height + 2 * kReach;
+  const auto position = [&](int x, int y) {
+    return sweep_position(mapping, last, source.width, source.height, static_cast<float>(x),
+                          static_cast<float>(y));
+  };
+  std::vector<float> own, warped, out;
+  for (int i = 0; i < pitch * rows; ++i) {
+    const int x = std::clamp(i % pitch - kReach, 0, a.width - 1);
+    const int y = std::clamp(i / pitch - kReach, 0, a.height - 1);
+    own.push_back(static_cast<float>(a.at(x, y)));
+    warped.push_back(grey_between(source.corners, source.width, source.height, position(x, y)));
+  }
+  for (int y = 0; y < a.height; ++y) {
+    for (int x = 0; x < a.width; ++x) {
+      const int corner = y * pitch + x, middle = corner + kReach * pitch + kReach;
+      const SweepPosition at = position(x, y);
+      out.push_back(1);
+      if (!at.seen || !is_usable(source.usable, source.width, source.height, at)) continue;
+      const WindowSums means = window_means(&own[corner], &own[corner], pitch);
+      out.back() = sweep_cost({own[middle], means.value, variance_of(means)}, warped[middle],
+                              window_means(&warped[corner], &own[corner], pitch));
+    }
+  }
+  return out;
 }
 
 }  // namespace
@@ -164,6 +195,43 @@ TEST_CASE("costs of a volume are those of the scalar rule", "[sweep]") {
       }
     }
   });
+}
+
+TEST_CASE("the rule of CUDA gives the costs of vectors to the bit", "[sweep]") {
+  const int width = 61, height = 47;
+  const Image a = noise(width, height, 1), b = noise(40, 29, 2);
+  const std::vector<std::uint32_t> corners = corners_of(b.grey.data(), b.width, b.height);
+  std::vector<std::uint32_t> usable;
+  for (std::size_t i = 0; i < b.grey.size(); ++i) usable.push_back(i % 7 == 0 ? 0 : 255);
+  const SweepMapping mapping{
+      {0.63f, -0.04f, 1e-3f}, {0.05f, 0.64f, -2e-3f}, {-3.2, 2.3, 1.0}, {0.9, -0.7, 0.1}};
+  const SweepSource source{corners.data(), usable.data(), b.width, b.height};
+  // The fewest pixels that differ: without fused multiply-add, rounding differs.
+  std::size_t least = a.grey.size();
+  stgs::testing::for_each_vector_target([&] {
+    const SweepReference reference =
+        make_sweep_reference({a.grey.begin(), a.grey.end()}, width, height, kSweepWindow);
+    PlaneCosts costs;
+    std::size_t different = 0;
+    for (int plane = 0; plane < 9; ++plane) {
+      const double inverse = 0.1 * plane;
+      float last[3];
+      for (int row = 0; row < 3; ++row) last[row] = last_column(mapping, row, inverse);
+      const float h[9] = {mapping.x[0], mapping.y[0], last[0],      mapping.x[1], mapping.y[1],
+                          last[1],      mapping.x[2], mapping.y[2], last[2]};
+      reset(reference, &costs);
+      add_source(reference, source, h, &costs);
+      const std::vector<float> expected = plain_costs(a, source, mapping, last);
+      for (int y = 0; y < height; ++y) {
+        for (int x = 0; x < width; ++x) {
+          const float cost = costs.first[static_cast<std::size_t>(y) * reference.pitch + x];
+          different += cost == expected[static_cast<std::size_t>(y) * width + x] ? 0 : 1;
+        }
+      }
+    }
+    least = std::min(least, different);
+  });
+  CHECK(least == 0);
 }
 
 TEST_CASE("behind the source nothing is seen", "[sweep]") {

@@ -9,6 +9,7 @@
 
 #include "camera_plan.h"
 #include "capture_files.h"
+#include "geometry/velocity_matcher.h"
 #include "geometry/view_matcher.h"
 #include "init/background.h"
 #include "init_settings.h"
@@ -75,6 +76,8 @@ class Rig final : public LivePreparer {
   Status choose_backend(const LogSink& log) {
     STGS_ASSIGN(sweeper_,
                 geometry::make_hull_sweeper(settings_.backend, settings_.share.index, log));
+    STGS_ASSIGN(velocity_matcher_,
+                geometry::make_velocity_matcher(settings_.backend, settings_.share.index));
     return {};
   }
 
@@ -142,6 +145,7 @@ class Rig final : public LivePreparer {
     init.write_report = false;
     init.live = backgrounds_;
     init.sweeper = sweeper_;
+    init.velocity_matcher = velocity_matcher_;
     init.point_interval = point_interval;
     const LogSink log_or_none = log ? log : [](int, const std::string&) {};
     try {
@@ -255,7 +259,9 @@ class Rig final : public LivePreparer {
   LiveClock clock_;
   std::once_flag started_;
   std::shared_ptr<init::LiveBackgrounds> backgrounds_;
-  std::shared_ptr<geometry::HullSweeper> sweeper_;  // null: on the CPU
+  // Null: on the CPU.
+  std::shared_ptr<geometry::HullSweeper> sweeper_;
+  std::shared_ptr<geometry::VelocityMatcher> velocity_matcher_;
   std::shared_ptr<const StaticFindings> findings_;  // null before the first window
 };
 

@@ -24,7 +24,6 @@ STGS_FN bool is_in_hull(int inside, int outside, int views) {
   return inside >= needed && outside <= misses_allowed(inside + outside);
 }
 
-inline constexpr int kHullSources = 3;     // images that a reference is swept against, at most
 inline constexpr int kMaxHullPlanes = 64;  // of a sweep
 
 // The search for the depths of a part of the hull.

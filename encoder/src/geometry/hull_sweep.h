@@ -40,7 +40,7 @@ struct HullBox {
 // A reference whose depth is wanted inside of a mask.
 struct HullReference {
   int image = 0;
-  std::vector<int> sources;            // images, 1 to kHullSources
+  std::vector<int> sources;            // images, 1 to kSweepSources
   const std::uint8_t* mask = nullptr;  // of the size of the image, 0: no depth is wanted
   std::vector<HullBox> boxes;          // parts of the image that are swept; they do not overlap
   // Results, of the size of the image. They must have depth 0 and cost 1, which remain where no

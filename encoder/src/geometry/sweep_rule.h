@@ -2,6 +2,7 @@
 // The costs of a plane sweep and of its smoothing, for the CPU and CUDA.
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 
 #include "stgs/format/math/lang.h"
@@ -14,6 +15,8 @@ inline constexpr float kColourScale =
     48.0f;  // colour difference with the maximum cost, grey levels
 inline constexpr float kColourShare = 0.35f;  // weight of the colour term in the cost
 inline constexpr int kSweepWindow = 5;        // side of the correlated windows, pixels
+// Of a sweep on a GPU, at most: images that a reference is swept against, and planes.
+inline constexpr int kSweepSources = 3, kMaxSweepPlanes = 128;
 
 // Costs of a plane in the cost volume, from 0 (equal) to 254.
 inline constexpr std::uint8_t kImpossible = 255;
@@ -21,7 +24,7 @@ inline constexpr std::uint8_t kImpossible = 255;
 // match worst. With three or more views the best two count, with fewer the best.
 STGS_FN std::uint8_t volume_cost(float first, float second, float seen) {
   const float cost = seen > 2.5f ? 0.5f * (first + second) : first;
-  return static_cast<std::uint8_t>(254.0f * cost + 0.5f);
+  return static_cast<std::uint8_t>(std::fma(254.0f, cost, 0.5f));
 }
 
 // Penalties of semi-global matching: for a step of one plane between neighbours, and for a larger

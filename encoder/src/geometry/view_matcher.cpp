@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "geometry/view_matcher.h"
 
+#include "geometry/velocity_matcher.h"
+#include "geometry/view_sweeper.h"
+
 namespace stgs::encoder::geometry {
 
 #if !STGS_HAS_CUDA
@@ -17,6 +20,12 @@ Result<std::unique_ptr<HullSweeper>> make_cuda_hull_sweeper(int) {
   return no_cuda();
 }
 Result<std::unique_ptr<MotionFinder>> make_cuda_motion_finder(int) {
+  return no_cuda();
+}
+Result<std::unique_ptr<VelocityMatcher>> make_cuda_velocity_matcher(int) {
+  return no_cuda();
+}
+Result<std::unique_ptr<ViewSweeper>> make_cuda_view_sweeper(int) {
   return no_cuda();
 }
 #endif
@@ -57,7 +66,21 @@ Result<std::unique_ptr<HullSweeper>> make_hull_sweeper(const std::string& backen
                                                        const LogSink& log) {
   if (backend == "cpu") return std::unique_ptr<HullSweeper>();
   if (backend != "cuda" && backend != "auto") return unknown_backend(backend);
-  return if_usable(make_cuda_hull_sweeper(gpu), backend, "dynamic points", log);
+  return if_usable(make_cuda_hull_sweeper(gpu), backend, "dynamic points and velocities", log);
+}
+
+Result<std::unique_ptr<VelocityMatcher>> make_velocity_matcher(const std::string& backend,
+                                                               int gpu) {
+  if (backend == "cpu") return std::unique_ptr<VelocityMatcher>();
+  if (backend != "cuda" && backend != "auto") return unknown_backend(backend);
+  return if_usable(make_cuda_velocity_matcher(gpu), backend, "velocities", {});
+}
+
+Result<std::unique_ptr<ViewSweeper>> make_view_sweeper(const std::string& backend, int gpu,
+                                                       const LogSink& log) {
+  if (backend == "cpu") return std::unique_ptr<ViewSweeper>();
+  if (backend != "cuda" && backend != "auto") return unknown_backend(backend);
+  return if_usable(make_cuda_view_sweeper(gpu), backend, "static depth", log);
 }
 
 Result<std::unique_ptr<MotionFinder>> make_motion_finder(const std::string& backend, int gpu,

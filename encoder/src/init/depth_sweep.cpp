@@ -9,6 +9,7 @@
 #include "geometry/path_costs.h"
 #include "geometry/plane_sweep.h"
 #include "geometry/stereo.h"
+#include "geometry/sweep_mapping.h"
 #include "geometry/sweep_rule.h"
 
 namespace stgs::encoder::init {
@@ -17,39 +18,37 @@ namespace {
 using geometry::CostVolume;
 using geometry::kImpossible;
 
-// Maps pixel indices of the reference region to pixel indices of `other`, through the plane at
-// `depth` parallel to the reference image.
-cv::Matx33d plane_homography(const View& reference, const View& other, cv::Point origin,
-                             double depth) {
-  const cv::Matx33d k_other(other.fx, 0, other.cx - 0.5, 0, other.fy, other.cy - 0.5, 0, 0, 1);
-  const cv::Matx33d inverse_k(1 / reference.fx, 0, (origin.x + 0.5 - reference.cx) / reference.fx,
-                              0, 1 / reference.fy, (origin.y + 0.5 - reference.cy) / reference.fy,
-                              0, 0, 1);
-  const cv::Matx33d rotation = other.rotation * reference.rotation.t();
-  const cv::Vec3d shift = (other.translation - rotation * reference.translation) * (1 / depth);
-  cv::Matx33d m = rotation;
-  for (int r = 0; r < 3; ++r) m(r, 2) += shift[r];
-  return k_other * m * inverse_k;
+geometry::SweepCamera sweep_camera(const View& view) {
+  geometry::SweepCamera out{view.fx, view.fy, view.cx, view.cy, {}, {}};
+  std::copy_n(view.rotation.val, 9, out.rotation);
+  std::copy_n(view.translation.val, 3, out.translation);
+  return out;
+}
+
+geometry::SweepSource sweep_source(const SweepImage& image) {
+  return {image.corners.data(), image.usable_words.empty() ? nullptr : image.usable_words.data(),
+          image.view.width, image.view.height};
+}
+
+double inverse_depth(const SweepPlanes& planes, double plane) {
+  return 1.0 / planes.farthest + plane * plane_step(planes);
 }
 
 double plane_depth(const SweepSettings& settings, double plane) {
-  return 1.0 / (1.0 / settings.farthest + plane * plane_step(settings));
+  return 1.0 / inverse_depth(settings, plane);
 }
 
 // Computes the costs of a plane against all sources, one per pixel of the region.
-void compare_plane(const SweepImage& reference, const std::vector<const SweepImage*>& others,
-                   const geometry::SweepReference& part, cv::Point origin, double depth,
+void compare_plane(const geometry::SweepReference& part,
+                   const std::vector<const SweepImage*>& others,
+                   const std::vector<geometry::SweepMapping>& mappings, double inverse,
                    geometry::PlaneCosts* costs, std::uint8_t* out) {
   geometry::reset(part, costs);
-  for (const SweepImage* other : others) {
-    const cv::Matx33f h = plane_homography(reference.view, other->view, origin, depth);
-    float row_major[9];
-    std::copy_n(h.val, 9, row_major);
-    geometry::add_source(
-        part,
-        {other->corners.data(), other->usable_words.empty() ? nullptr : other->usable_words.data(),
-         other->view.width, other->view.height},
-        row_major, costs);
+  for (std::size_t k = 0; k < others.size(); ++k) {
+    const geometry::SweepMapping& m = mappings[k];
+    const auto last = [&](int row) { return geometry::last_column(m, row, inverse); };
+    const float h[9] = {m.x[0], m.y[0], last(0), m.x[1], m.y[1], last(1), m.x[2], m.y[2], last(2)};
+    geometry::add_source(part, sweep_source(*others[k]), h, costs);
   }
   geometry::volume_costs(part, *costs, out);
 }
@@ -59,8 +58,13 @@ void fill_volume(const SweepImage& reference, const std::vector<const SweepImage
   const cv::Mat grey = reference.grey(region).clone();
   const cv::Mat mask = settings.mask.empty() ? cv::Mat() : settings.mask(region);
   const geometry::SweepReference part = geometry::make_sweep_reference(
-      {grey.begin<float>(), grey.end<float>()}, region.width, region.height, settings.window,
+      {grey.begin<float>(), grey.end<float>()}, region.width, region.height, geometry::kSweepWindow,
       mask.empty() ? nullptr : mask.data, std::ptrdiff_t(mask.step));
+  std::vector<geometry::SweepMapping> mappings;
+  for (const SweepImage* other : others) {
+    mappings.push_back(geometry::sweep_mapping(sweep_camera(reference.view),
+                                               sweep_camera(other->view), region.x, region.y));
+  }
   const auto pixels = std::size_t(region.area());
   geometry::PlaneCosts costs;
   // The volume is written for several planes at a time, because those of a pixel are adjacent.
@@ -69,7 +73,7 @@ void fill_volume(const SweepImage& reference, const std::vector<const SweepImage
   for (int first = 0; first < volume->planes; first += kPlanes) {
     const int count = std::min(kPlanes, volume->planes - first);
     for (int k = 0; k < count; ++k) {
-      compare_plane(reference, others, part, region.tl(), plane_depth(settings, first + k), &costs,
+      compare_plane(part, others, mappings, inverse_depth(settings, first + k), &costs,
                     &levels[k * pixels]);
     }
     std::uint8_t* out = &volume->cost[first];
@@ -103,7 +107,7 @@ void exclude_impossible(const View& view, const SweepSettings& settings, const c
 // Returns the cheapest plane of each pixel, refined by a parabola through its neighbours.
 DepthMap read_out(const CostVolume& volume, const cv::Rect& region, cv::Size size,
                   const SweepSettings& settings) {
-  DepthMap map{cv::Mat(size, CV_32F, cv::Scalar(0)), cv::Mat(size, CV_32F, cv::Scalar(1))};
+  DepthMap map = blank_map(size);
   const int n = volume.planes;
   for (int y = 0; y < volume.height; ++y) {
     for (int x = 0; x < volume.width; ++x) {
@@ -122,7 +126,34 @@ DepthMap read_out(const CostVolume& volume, const cv::Rect& region, cv::Size siz
   return map;
 }
 
+Status sweep_on_gpu(const std::vector<SweepImage>& images, const std::vector<WantedDepth>& wanted,
+                    geometry::ViewSweeper& gpu, std::vector<DepthMap>* out) {
+  geometry::ViewSweeps problem;
+  for (const SweepImage& image : images) problem.images.push_back(sweep_source(image));
+  for (std::size_t k = 0; k < wanted.size(); ++k) {
+    const auto& [view, others, planes] = wanted[k];
+    if (others.empty()) continue;
+    geometry::ViewSweep sweep;
+    sweep.reference = view;
+    for (const int j : others) {
+      sweep.sources.push_back({j, geometry::sweep_mapping(sweep_camera(images[view].view),
+                                                          sweep_camera(images[j].view), 0, 0)});
+    }
+    sweep.nearest = planes.nearest;
+    sweep.farthest = planes.farthest;
+    sweep.planes = planes.planes;
+    sweep.depth = (*out)[k].depth.ptr<float>();
+    sweep.cost = (*out)[k].cost.ptr<float>();
+    problem.sweeps.push_back(std::move(sweep));
+  }
+  return gpu.run(problem);
+}
+
 }  // namespace
+
+DepthMap blank_map(cv::Size size) {
+  return {cv::Mat(size, CV_32F, cv::Scalar(0)), cv::Mat(size, CV_32F, cv::Scalar(1))};
+}
 
 SweepImage make_sweep_image(const View& view, const cv::Mat& rgb, const cv::Mat& usable) {
   SweepImage image{view, rgb, {}, usable, {}, {}};
@@ -141,8 +172,8 @@ SweepImage make_sweep_image(const View& view, const cv::Mat& rgb, const cv::Mat&
   return image;
 }
 
-double plane_step(const SweepSettings& settings) {
-  return (1.0 / settings.nearest - 1.0 / settings.farthest) / (settings.planes - 1);
+double plane_step(const SweepPlanes& planes) {
+  return (1.0 / planes.nearest - 1.0 / planes.farthest) / (planes.planes - 1);
 }
 
 DepthMap sweep(const SweepImage& reference, const std::vector<const SweepImage*>& others,
@@ -160,6 +191,22 @@ DepthMap sweep(const SweepImage& reference, const std::vector<const SweepImage*>
     geometry::add_paths(grey, 0, step, &volume);
   }
   return read_out(volume, region, reference.view.size(), settings);
+}
+
+Status sweep_views(const std::vector<SweepImage>& images, const std::vector<WantedDepth>& wanted,
+                   geometry::ViewSweeper* gpu, Work& work, std::vector<DepthMap>* out) {
+  static_assert(kNeighbours <= geometry::kSweepSources);
+  out->clear();
+  for (const WantedDepth& one : wanted) out->push_back(blank_map(images[one.view].view.size()));
+  if (gpu != nullptr) return work.wait_for([&] { return sweep_on_gpu(images, wanted, *gpu, out); });
+  return work.for_each(int(wanted.size()), [&](int k) -> Status {
+    const auto& [view, others, planes] = wanted[k];
+    if (others.empty()) return {};
+    std::vector<const SweepImage*> sources;
+    for (const int j : others) sources.push_back(&images[j]);
+    (*out)[k] = sweep(images[view], sources, SweepSettings{planes, {}, {}, {}});
+    return {};
+  });
 }
 
 int agreement(const View& view, const DepthMap& map, int x, int y,

@@ -8,8 +8,9 @@
 #include <opencv2/core.hpp>
 #include <vector>
 
-#include "geometry/sweep_rule.h"
+#include "geometry/view_sweeper.h"
 #include "init/view.h"
+#include "init/work.h"
 
 namespace stgs::encoder::init {
 
@@ -25,12 +26,18 @@ struct SweepImage {
 // Scales the image to the size of the view. An empty `usable` marks every pixel usable.
 SweepImage make_sweep_image(const View& view, const cv::Mat& rgb, const cv::Mat& usable = {});
 
-struct SweepSettings {
-  double nearest = 1, farthest = 10;    // depth range, scene units
-  int planes = 64;                      // 2..192
-  int window = geometry::kSweepWindow;  // pixels, odd
-  cv::Rect region;                      // swept part of the reference; empty: all
-  cv::Mat mask;                         // 8-bit, 0: no depth is wanted; empty: everywhere
+// The planes of a sweep, evenly spaced in inverse depth.
+struct SweepPlanes {
+  double nearest = 1, farthest = 10;  // depth range, scene units
+  int planes = 64;                    // 2 to geometry::kMaxSweepPlanes
+};
+
+// Returns the step in inverse depth between adjacent planes.
+double plane_step(const SweepPlanes& planes);
+
+struct SweepSettings : SweepPlanes {
+  cv::Rect region;  // swept part of the reference; empty: all
+  cv::Mat mask;     // 8-bit, 0: no depth is wanted; empty: everywhere
   // Sets excluded[k] to 1 for points origin + depths[k] * ray to exclude, such as those outside the
   // visual hull, else to 0. May be empty.
   std::function<void(const cv::Vec3d& origin, const cv::Vec3d& ray,
@@ -43,13 +50,22 @@ struct SweepSettings {
 struct DepthMap {
   cv::Mat depth, cost;
 };
+// Returns a map without depth, with cost 1.
+DepthMap blank_map(cv::Size size);
 
-// Sweeps the reference against the other views.
+// Sweeps the reference against the other views, on the CPU.
 DepthMap sweep(const SweepImage& reference, const std::vector<const SweepImage*>& others,
                const SweepSettings& settings);
 
-// Returns the step in inverse depth between adjacent planes.
-double plane_step(const SweepSettings& settings);
+// A sweep of a whole view against others, at most kNeighbours.
+struct WantedDepth {
+  int view = 0;
+  std::vector<int> others;  // empty: the depth is unknown
+  SweepPlanes planes;
+};
+// Sweeps views of `images`. `gpu`: null for the CPU. One pass of a stage of `work`.
+Status sweep_views(const std::vector<SweepImage>& images, const std::vector<WantedDepth>& wanted,
+                   geometry::ViewSweeper* gpu, Work& work, std::vector<DepthMap>* out);
 
 // Returns the number of maps in `others` that agree with the depth of `view` at (x, y), with an
 // inverse depth closer than `tolerance`.

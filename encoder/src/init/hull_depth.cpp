@@ -42,10 +42,6 @@ bool can_be_swept(const HullView& wanted) {
   return !wanted.partners.empty() && cv::countNonZero(wanted.mask) >= kMinMaskPixels;
 }
 
-DepthMap blank_map(cv::Size size) {
-  return {cv::Mat(size, CV_32F, cv::Scalar(0)), cv::Mat(size, CV_32F, cv::Scalar(1))};
-}
-
 int planes_of(const std::vector<SweepImage>& images, const HullView& wanted, double nearest,
               double farthest) {
   std::vector<View> views;

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "geometry/velocity_matcher.h"
 #include "geometry/view_matcher.h"
 #include "init/bounds.h"
 #include "init/calibration_check.h"
@@ -152,14 +153,17 @@ Status find_static(State& state) {
     }
   }
   state.work.stage("depth range", int(with_frames.size()));
-  STGS_TRY(find_depth_range(with_frames, state.work, &state.scene));
+  const auto log = [&](int level, const std::string& line) { state.work.log(line, level); };
+  STGS_ASSIGN(const auto sweeper,
+              geometry::make_view_sweeper(state.settings.backend, state.settings.gpu, log));
+  STGS_TRY(find_depth_range(with_frames, sweeper.get(), state.work, &state.scene));
   if (!state.scene.range.measured) {
     state.work.log("depth range: not measurable from the images; estimated from the cameras", 1);
   }
-  state.work.log(fmt::format("depth range: {:.3g} to {:.3g}", state.scene.range.nearest,
-                             state.scene.range.farthest));
+  state.work.log(fmt::format("depth range: {:.3g} to {:.3g}, backend {}", state.scene.range.nearest,
+                             state.scene.range.farthest, sweeper ? sweeper->name() : "cpu"));
   state.work.stage("static depth", 2);
-  STGS_TRY(find_static_depth(backgrounds[0], state.work, &state.scene));
+  STGS_TRY(find_static_depth(backgrounds[0], sweeper.get(), state.work, &state.scene));
   // Started here, because stereo on a GPU leaves the CPU idle.
   if (state.settings.separate_motion && !state.settings.live)
     state.timing.start(state.capture, state.views, state.calibration);
@@ -207,7 +211,12 @@ Status find_dynamic(State& state) {
 }
 
 Status find_velocities(State& state) {
-  VelocityInput input{state.capture, state.agreeing, state.agreeing_motion, state.frames, 0, {}, 1};
+  VelocityInput input{state.capture, state.agreeing, state.agreeing_motion, state.frames};
+  std::shared_ptr<geometry::VelocityMatcher> gpu = state.settings.velocity_matcher;
+  if (!state.settings.live) {
+    STGS_ASSIGN(gpu, geometry::make_velocity_matcher(state.settings.backend, state.settings.gpu));
+  }
+  input.gpu = gpu.get();
   // Upper bound of a plausible velocity: 1/15 of the image width at the focus.
   input.reach = state.scene.focus.depth * state.agreeing[0].width / state.agreeing[0].fx / 15;
   if (state.settings.live) {

@@ -16,7 +16,8 @@ namespace stgs::encoder {
 
 namespace geometry {
 class HullSweeper;
-}
+class VelocityMatcher;
+}  // namespace geometry
 namespace init {
 class LiveBackgrounds;
 }
@@ -30,10 +31,11 @@ struct InitSettings {
   int max_dynamic_points = 0;    // per frame; 0: derived from the image size
   int max_static_points = 0;     // 0: derived from the image size
   std::uint64_t seed = 1;        // equal seeds give equal bytes with one backend
-  std::string backend = "auto";  // of stereo, motion and dynamic points: auto, cpu, cuda
-  int gpu = 0;                   // of these, modulo the number of GPUs
-  // Of a live capture, because its windows share it; null: dynamic points on the CPU.
-  std::shared_ptr<geometry::HullSweeper> sweeper;
+  std::string backend = "auto";  // of depth, motion, dynamic points and velocities
+  int gpu = 0;                   // of the same, modulo the number of GPUs
+  // Of a live capture, because its windows share them; null: on the CPU.
+  std::shared_ptr<geometry::HullSweeper> sweeper;  // of dynamic points
+  std::shared_ptr<geometry::VelocityMatcher> velocity_matcher;
   // Folder of precomputed optical flow: CAM/NNNNNN.flo (Middlebury) is the flow from source frame
   // NNNNNN to the next. Flow of another size is scaled to the prepared frames, which is correct
   // only without lens distortion. Flow is computed for cameras without a folder there. A camera

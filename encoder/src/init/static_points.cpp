@@ -9,6 +9,7 @@
 #include "init/carved_depth.h"
 #include "init/far_content.h"
 #include "init/stereo_depth.h"
+#include "stgs/format/parallel.h"
 
 namespace stgs::encoder::init {
 namespace {
@@ -79,33 +80,24 @@ std::vector<View> views_of(const std::vector<SweepImage>& images) {
 }
 
 // Computes the depth maps of all inputs, each against its neighbours.
-Status sweep_all(const std::vector<StaticImage>& inputs, const SweepPlan& plan, Work& work,
-                 Sweeps* out) {
-  out->images.reserve(inputs.size());
-  for (const StaticImage& input : inputs) {
-    out->images.push_back(
-        make_sweep_image(make_view(*input.view.camera, plan.max_side), input.rgb, input.usable));
-  }
-  const std::vector<View> views = views_of(out->images);
-  out->maps.resize(inputs.size());
-  out->steps.resize(inputs.size());
-  return work.for_each(int(inputs.size()), [&](int i) -> Status {
-    const std::vector<int> near = neighbours(views, i, plan.focus.point, kNeighbours);
-    std::vector<const SweepImage*> others;
-    others.reserve(near.size());
-    for (const int j : near) others.push_back(&out->images[j]);
-    SweepSettings settings;
-    settings.nearest = plan.range.nearest;
-    settings.farthest = plan.range.farthest;
-    settings.planes = plane_count(views[i], views, near, settings.nearest, settings.farthest,
-                                  plan.low_planes, plan.high_planes);
-    settings.window = 5;
-    out->steps[i] = plane_step(settings);
-    out->maps[i] = others.empty() ? DepthMap{cv::Mat(views[i].size(), CV_32F, cv::Scalar(0)),
-                                             cv::Mat(views[i].size(), CV_32F, cv::Scalar(1))}
-                                  : sweep(out->images[i], others, settings);
-    return {};
+Status sweep_all(const std::vector<StaticImage>& inputs, const SweepPlan& plan,
+                 geometry::ViewSweeper* gpu, Work& work, Sweeps* out) {
+  out->images.resize(inputs.size());
+  parallel_for(std::size_t{0}, inputs.size(), [&](std::size_t i) {
+    const StaticImage& input = inputs[i];
+    out->images[i] =
+        make_sweep_image(make_view(*input.view.camera, plan.max_side), input.rgb, input.usable);
   });
+  const std::vector<View> views = views_of(out->images);
+  std::vector<WantedDepth> wanted(inputs.size());
+  for (std::size_t i = 0; i < wanted.size(); ++i) {
+    const std::vector<int> near = neighbours(views, int(i), plan.focus.point, kNeighbours);
+    const int planes = plane_count(views[i], views, near, plan.range.nearest, plan.range.farthest,
+                                   plan.low_planes, plan.high_planes);
+    wanted[i] = {int(i), near, {plan.range.nearest, plan.range.farthest, planes}};
+    out->steps.push_back(plane_step(wanted[i].planes));
+  }
+  return sweep_views(out->images, wanted, gpu, work, &out->maps);
 }
 
 // Returns a weight that is above 0 where enough other views agree with the depth.
@@ -128,6 +120,23 @@ cv::Mat check_across(const Sweeps& sweeps, int i, const cv::Vec3d& focus) {
     }
   }
   return weight;
+}
+
+// Returns the inverse depths that other views confirm.
+std::vector<float> confirmed_depths(const Sweeps& sweeps, const cv::Vec3d& focus) {
+  std::vector<std::vector<float>> found(sweeps.maps.size());
+  parallel_for(std::size_t{0}, found.size(), [&](std::size_t i) {
+    const cv::Mat weight = check_across(sweeps, int(i), focus);
+    for (int y = 0; y < weight.rows; ++y) {
+      for (int x = 0; x < weight.cols; ++x) {
+        if (weight.at<float>(y, x) > 0.7f)
+          found[i].push_back(1 / sweeps.maps[i].depth.at<float>(y, x));
+      }
+    }
+  });
+  std::vector<float> all;
+  for (const std::vector<float>& part : found) all.insert(all.end(), part.begin(), part.end());
+  return all;
 }
 
 // Clears the weight of small islands of depth, because views agree by chance on uniform surfaces.
@@ -239,8 +248,8 @@ int plane_count(const View& view, const std::vector<View>& views, const std::vec
   return std::clamp(int(std::ceil(widest * (1 / nearest - 1 / farthest))), low, high);
 }
 
-Status find_depth_range(const std::vector<std::vector<StaticImage>>& inputs, Work& work,
-                        StaticScene* scene) {
+Status find_depth_range(const std::vector<std::vector<StaticImage>>& inputs,
+                        geometry::ViewSweeper* gpu, Work& work, StaticScene* scene) {
   std::vector<View> views;
   for (const StaticImage& input : inputs[0]) {
     views.push_back(make_view(*input.view.camera, kCoarseMaxSide));
@@ -261,16 +270,9 @@ Status find_depth_range(const std::vector<std::vector<StaticImage>>& inputs, Wor
   for (const std::vector<StaticImage>& group : inputs) {
     Sweeps sweeps;
     STGS_TRY(sweep_all(group, {scene->focus, wide, kCoarseMaxSide, kCoarsePlanes, kCoarsePlanes},
-                       work, &sweeps));
-    for (std::size_t i = 0; i < group.size(); ++i) {
-      const cv::Mat weight = check_across(sweeps, int(i), scene->focus.point);
-      for (int y = 0; y < weight.rows; ++y) {
-        for (int x = 0; x < weight.cols; ++x) {
-          const float depth = sweeps.maps[i].depth.at<float>(y, x);
-          if (weight.at<float>(y, x) > 0.7f) inverse.push_back(1 / depth);
-        }
-      }
-    }
+                       gpu, work, &sweeps));
+    const std::vector<float> found = confirmed_depths(sweeps, scene->focus.point);
+    inverse.insert(inverse.end(), found.begin(), found.end());
   }
   if (inverse.size() < 50 * views.size()) return {};
   std::sort(inverse.begin(), inverse.end());
@@ -281,14 +283,15 @@ Status find_depth_range(const std::vector<std::vector<StaticImage>>& inputs, Wor
   return {};
 }
 
-Status find_static_depth(const std::vector<StaticImage>& inputs, Work& work, StaticScene* scene) {
+Status find_static_depth(const std::vector<StaticImage>& inputs, geometry::ViewSweeper* gpu,
+                         Work& work, StaticScene* scene) {
   int max_side = 0;
   for (const StaticImage& input : inputs) {
     max_side = std::max({max_side, input.view.width, input.view.height});
   }
   Sweeps sweeps;
   max_side = std::min(kDepthMaxSide, max_side);
-  STGS_TRY(sweep_all(inputs, {scene->focus, scene->range, max_side, 32, 96}, work, &sweeps));
+  STGS_TRY(sweep_all(inputs, {scene->focus, scene->range, max_side, 32, 96}, gpu, work, &sweeps));
   scene->surfaces.resize(inputs.size());
   scene->usable.resize(inputs.size());
   return work.for_each(int(inputs.size()), [&](int i) -> Status {

@@ -35,12 +35,14 @@ struct StaticScene {
 };
 
 // Measures the depth range and the focus by coarse sweeps. inputs[k][view] is image k of a view;
-// the images with the same k are swept against each other.
-Status find_depth_range(const std::vector<std::vector<StaticImage>>& inputs, Work& work,
-                        StaticScene* scene);
+// the images with the same k are swept against each other. `gpu`: of the sweeps; null for the CPU.
+Status find_depth_range(const std::vector<std::vector<StaticImage>>& inputs,
+                        geometry::ViewSweeper* gpu, Work& work, StaticScene* scene);
 
-// Computes the dense depth of every image, confirmed across views. Holes are interpolated.
-Status find_static_depth(const std::vector<StaticImage>& inputs, Work& work, StaticScene* scene);
+// Computes the dense depth of every image, confirmed across views. Holes are interpolated. `gpu`:
+// as above.
+Status find_static_depth(const std::vector<StaticImage>& inputs, geometry::ViewSweeper* gpu,
+                         Work& work, StaticScene* scene);
 
 // Improves that depth, and adds normals, by stereo, unless there are fewer than three images; then
 // places sky and far background, and moves interpolated depth that other views contradict.

@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// Estimates velocities of dynamic points in two ways: nearest neighbours in the adjacent frame (the
-// method of the paper), and optical flow of several views lifted to 3D. A measurement selects one.
+// Estimates velocities of dynamic points in two ways: nearest neighbours in the adjacent frame
+// (velocity_match.h), and optical flow of several views lifted to 3D. A measurement selects one.
 #pragma once
 
 #include <functional>
 #include <string>
 #include <vector>
 
+#include "geometry/velocity_matcher.h"
 #include "init/dynamic_points.h"
 #include "init/motion.h"
 #include "init/motion_fit.h"
@@ -14,20 +15,11 @@
 
 namespace stgs::encoder::init {
 
-// Returns the displacement to the nearest points of `next` in position and colour, smoothed by the
-// median over neighbouring points. Unknown where nothing matches within `reach` scene units. `sign`
-// is -1 if `next` is the previous frame.
-Velocities match_velocities(const std::vector<SurfacePoint>& points,
-                            const std::vector<SurfacePoint>& next, double reach, double sign);
-
 // Returns the velocities whose projections agree best with the flow of the views that see the
 // points. Unknown where fewer than two views have flow, or beyond `reach` scene units per frame.
 // `frame` indexes ViewMotion::flow.
 Velocities flow_velocities(const std::vector<SurfacePoint>& points, const std::vector<View>& views,
                            const std::vector<ViewMotion>& motion, int frame, double reach);
-
-// Returns `first` with unknown velocities taken from `second`, or 0 if both are unknown.
-Velocities fill_unknown(const Velocities& first, const Velocities& second);
 
 // Returns velocities for the last frame, which has no flow. Each point takes the velocity of the
 // nearest moved point of the frame before.
@@ -42,8 +34,9 @@ struct VelocityInput {
   double reach = 0;  // upper bound, scene units per frame
   // Makes sure that `motion` has the flow of these frames, for all views.
   // Empty: velocities come from nearest neighbours.
-  std::function<Status(const std::vector<int>& frames)> find_flow;
+  std::function<Status(const std::vector<int>& frames)> find_flow{};
   int interval = 1;  // of the frames with points (point_frames.h), with `find_flow` 1
+  geometry::VelocityMatcher* gpu = nullptr;  // of nearest neighbours; null: on the CPU
 };
 
 struct ChosenVelocities {

@@ -7,25 +7,29 @@
 #include "backend/cuda/kernels.h"
 #include "backend/cuda/lane_pool.h"
 #include "backend/cuda/memory.h"
+#include "backend/cuda/region_sweeper.h"
 #include "backend/cuda/select_gpu.h"
+#include "backend/cuda/upload.h"
 #include "geometry/hull_sweep.h"
+#include "geometry/sweep_mapping.h"
 
 namespace stgs::encoder {
 namespace {
 
 using cuda::cuda_status;
-using cuda::DeviceArray;
-using cuda::HullDepth;
+using cuda::HullLimit;
 using cuda::HullRay;
-using cuda::HullRegion;
 using cuda::HullSample;
 using cuda::HullSpan;
+using cuda::RegionDepth;
+using cuda::SweepRegion;
+using cuda::Uploaded;
+using cuda::WaitAtEnd;
 using geometry::HullBox;
 using geometry::HullCamera;
 using geometry::HullReference;
 using geometry::HullSweep;
 using geometry::kHullDepths;
-using geometry::StereoImage;
 using geometry::StereoSource;
 
 constexpr std::size_t kMaxLanes = 4;  // frames that are swept at a time
@@ -34,61 +38,28 @@ std::size_t area(int width, int height) {
   return static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
 }
 
-StereoImage image_of(const HullCamera& camera, const std::uint32_t* corners) {
-  return {corners,   nullptr,   camera.width, camera.height,
-          camera.fx, camera.fy, camera.cx,    camera.cy};
-}
-
-StereoSource source_of(const HullCamera& from, const HullCamera& to, const StereoImage& image) {
-  StereoSource source{};
-  source.image = image;
-  source =
-      geometry::posed_source(source, from.rotation, from.translation, to.rotation, to.translation);
-  return geometry::derived_source(image_of(from, nullptr), source);
+geometry::SweepCamera sweep_camera(const HullCamera& camera) {
+  const geometry::Mat3& r = camera.rotation;
+  const geometry::Vec3& t = camera.translation;
+  return {camera.fx,
+          camera.fy,
+          camera.cx,
+          camera.cy,
+          {r.xx, r.xy, r.xz, r.yx, r.yy, r.yz, r.zx, r.zy, r.zz},
+          {t.x, t.y, t.z}};
 }
 
 HullRay ray_of(const HullCamera& from, const HullCamera& to, const float* hiding) {
   // With a focal length of 1 and the centre at 0, positions are directions.
-  const StereoSource source =
-      source_of(from, to, {nullptr, nullptr, to.width, to.height, 1.0f, 1.0f, 0.0f, 0.0f});
+  StereoSource source{};
+  source.image = {nullptr, nullptr, to.width, to.height, 1.0f, 1.0f, 0.0f, 0.0f};
+  source =
+      geometry::posed_source(source, from.rotation, from.translation, to.rotation, to.translation);
+  source = geometry::derived_source(
+      {nullptr, nullptr, from.width, from.height, from.fx, from.fy, from.cx, from.cy}, source);
   return {
       source.infinite, source.translation, hiding, to.width, to.height, to.fx, to.fy, to.cx, to.cy};
 }
-
-// Arrays of the host, one after the other on the device.
-template <typename T>
-class Uploaded {
- public:
-  // Starts again, for arrays with so many values in total.
-  Status start(std::size_t total) {
-    used_ = 0;
-    return array_.ensure(std::max<std::size_t>(total, 1));
-  }
-  // Copies an array, which must outlive the copy, and sets its address on the device.
-  Status add(const T* values, std::size_t n, cudaStream_t stream, const T** out) {
-    *out = array_.data() + used_;
-    used_ += n;
-    return cuda_status(cudaMemcpyAsync(array_.data() + used_ - n, values, n * sizeof(T),
-                                       cudaMemcpyHostToDevice, stream),
-                       "uploading a frame");
-  }
-  Status set(const std::vector<T>& values, cudaStream_t stream) {
-    const T* address = nullptr;
-    STGS_TRY(start(values.size()));
-    return add(values.data(), values.size(), stream, &address);
-  }
-  T* data() const { return array_.data(); }
-
- private:
-  DeviceArray<T> array_;
-  std::size_t used_ = 0;
-};
-
-// Waits also after an error or an exception, because copies read the memory of the caller.
-struct WaitAtEnd {
-  const cuda::Stream& stream;
-  ~WaitAtEnd() { (void)stream.wait(); }
-};
 
 // The memory and the stream of one frame.
 class Lane {
@@ -109,7 +80,7 @@ class Lane {
     STGS_TRY(upload_references(sweep));
     STGS_TRY(find_spans(sweep));
     make_regions(sweep);
-    if (regions_.empty()) return {};
+    if (owners_.empty()) return {};
     STGS_TRY(sweep_regions());
     copy_results(sweep);
     return {};
@@ -134,7 +105,7 @@ class Lane {
       const std::uint32_t* corners = nullptr;
       if (values != nullptr)
         STGS_TRY(corners_.add(values, area(camera.width, camera.height), stream_, &corners));
-      images_.push_back(image_of(camera, corners));
+      images_.push_back({corners, nullptr, camera.width, camera.height});
     }
     return {};
   }
@@ -205,10 +176,9 @@ class Lane {
   }
 
   void make_regions(HullSweep& sweep) {
-    regions_.clear();
+    sweeper_.clear();
+    limits_.clear();
     owners_.clear();
-    all_ = {};
-    volume_ = pixels_ = 0;
     std::size_t span = 0;
     for (std::size_t r = 0; r < sweep.references.size(); ++r)
       for (const HullBox& box : sweep.references[r].boxes)
@@ -223,73 +193,40 @@ class Lane {
     };
     const double near = inverse(span.last + 1), far = inverse(span.first - 1);
     HullReference& reference = sweep.references[r];
-    HullRegion region{};
+    SweepRegion region{};
     region.planes = sweep.planes(static_cast<int>(r), 1 / near, 1 / far);
     const double step = (near - far) / (region.planes - 1);
     reference.step = std::max(reference.step, step);
-    region.farthest_inverse = static_cast<float>(far);
-    region.step = static_cast<float>(step);
+    region.farthest_inverse = far;
+    region.step = step;
     region.reference = images_[reference.image];
+    const geometry::SweepCamera from = sweep_camera(sweep.images[reference.image].camera);
     for (const int j : reference.sources) {
-      region.sources[region.source_count++] =
-          source_of(sweep.images[reference.image].camera, sweep.images[j].camera, images_[j]);
+      region.sources[region.source_count++] = {
+          images_[j],
+          geometry::sweep_mapping(from, sweep_camera(sweep.images[j].camera), box.x, box.y)};
     }
-    region.mask = mask_at_[r];
     region.x = box.x;
     region.y = box.y;
     region.width = box.width;
     region.height = box.height;
-    region.rays = static_cast<int>(r * sweep.silhouettes.size());
-    region.volume = volume_;
-    region.pixels = pixels_;
-    count(region);
-    regions_.push_back(region);
+    sweeper_.add(region);
+    limits_.push_back({mask_at_[r], static_cast<int>(r * sweep.silhouettes.size())});
     owners_.push_back(r);
   }
 
-  void count(const HullRegion& region) {
-    const std::size_t pixels = area(region.width, region.height);
-    const int tiles = cuda::blocks_of(static_cast<std::size_t>(region.width), cuda::kHullTile) *
-                      cuda::blocks_of(static_cast<std::size_t>(region.height), cuda::kHullTile);
-    all_.widest = std::max(all_.widest, region.width);
-    all_.highest = std::max(all_.highest, region.height);
-    all_.most_planes = std::max(all_.most_planes, region.planes);
-    all_.most_tiles = std::max(all_.most_tiles, tiles);
-    all_.most_pixels = std::max(all_.most_pixels, pixels);
-    pixels_ += pixels;
-    volume_ += pixels * static_cast<std::size_t>(region.planes);
-  }
-
   Status sweep_regions() {
-    STGS_TRY(device_regions_.set(regions_, stream_));
-    STGS_TRY(costs_.ensure(volume_));
-    STGS_TRY(sums_.ensure(volume_));
-    STGS_TRY(device_results_.ensure(pixels_));
-    STGS_TRY(cuda_status(cudaMemsetAsync(sums_.data(), 0, volume_ * sizeof(std::uint16_t), stream_),
-                         "clearing a cost volume"));
-    all_.regions = device_regions_.data();
-    all_.count = static_cast<int>(regions_.size());
-    all_.costs = costs_.data();
-    all_.sums = sums_.data();
-    all_.results = device_results_.data();
-    cuda::launch_hull_limits(all_, votes_, stream_);
-    cuda::launch_hull_costs(all_, stream_);
-    cuda::launch_hull_paths(all_, stream_);
-    cuda::launch_hull_depths(all_, stream_);
-    STGS_TRY(cuda_status(cudaGetLastError(), "starting a plane sweep"));
-    results_.resize(pixels_);
-    STGS_TRY(
-        cuda_status(cudaMemcpyAsync(results_.data(), device_results_.data(),
-                                    pixels_ * sizeof(HullDepth), cudaMemcpyDeviceToHost, stream_),
-                    "reading depths"));
-    return stream_.wait();
+    STGS_TRY(sweeper_.start(stream_));
+    STGS_TRY(device_limits_.set(limits_, stream_));
+    cuda::launch_hull_limits(sweeper_.arrays(), device_limits_.data(), votes_, stream_);
+    return sweeper_.finish(stream_);
   }
 
   void copy_results(HullSweep& sweep) const {
-    for (std::size_t k = 0; k < regions_.size(); ++k) {
-      const HullRegion& region = regions_[k];
+    for (std::size_t k = 0; k < owners_.size(); ++k) {
+      const SweepRegion& region = sweeper_.regions()[k];
       const HullReference& reference = sweep.references[owners_[k]];
-      const HullDepth* from = results_.data() + region.pixels;
+      const RegionDepth* from = sweeper_.results(region);
       for (int y = region.y; y < region.y + region.height; ++y) {
         for (int x = region.x; x < region.x + region.width; ++x, ++from) {
           reference.depth[y * region.reference.width + x] = from->depth;
@@ -306,23 +243,18 @@ class Lane {
   Uploaded<HullRay> device_rays_;
   Uploaded<HullSample> device_samples_;
   Uploaded<HullSpan> device_spans_;
-  Uploaded<HullRegion> device_regions_;
+  Uploaded<HullLimit> device_limits_;
+  cuda::RegionSweeper sweeper_;
   const int gpu_;
-  DeviceArray<std::uint8_t> costs_;
-  DeviceArray<std::uint16_t> sums_;
-  DeviceArray<HullDepth> device_results_;
-  std::vector<const float*> hiding_at_;       // per silhouette, on the device
-  std::vector<StereoImage> images_;           // with corners on the device
-  std::vector<const std::uint8_t*> mask_at_;  // per reference, on the device
+  std::vector<const float*> hiding_at_;        // per silhouette, on the device
+  std::vector<geometry::SweepSource> images_;  // on the device
+  std::vector<const std::uint8_t*> mask_at_;   // per reference, on the device
   std::vector<HullRay> rays_;
   std::vector<HullSample> samples_;
-  std::vector<HullSpan> spans_;  // per box
-  std::vector<HullRegion> regions_;
+  std::vector<HullSpan> spans_;      // per box
+  std::vector<HullLimit> limits_;    // of each region
   std::vector<std::size_t> owners_;  // the reference of each region
-  std::vector<HullDepth> results_;
   cuda::HullVotes votes_{};
-  cuda::HullRegions all_{};
-  std::size_t volume_ = 0, pixels_ = 0;  // entries
 };
 
 class CudaHullSweeper final : public geometry::HullSweeper {

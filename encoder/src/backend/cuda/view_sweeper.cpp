@@ -1,0 +1,139 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "geometry/view_sweeper.h"
+
+#include <mutex>
+#include <utility>
+
+#include "backend/cuda/region_sweeper.h"
+#include "backend/cuda/select_gpu.h"
+
+namespace stgs::encoder {
+namespace {
+
+using cuda::cuda_status;
+using cuda::SweepRegion;
+using geometry::SweepSource;
+using geometry::ViewSweep;
+using geometry::ViewSweeps;
+
+// Of the sweeps that run at a time. An entry takes 3 bytes.
+constexpr std::size_t kMaxVolume = std::size_t{1} << 26;
+
+std::size_t pixels_of(const SweepSource& image) {
+  return static_cast<std::size_t>(image.width) * static_cast<std::size_t>(image.height);
+}
+
+// Runs one problem at a time.
+class CudaViewSweeper final : public geometry::ViewSweeper {
+ public:
+  Status create(int gpu) {
+    STGS_ASSIGN(const cudaDeviceProp properties, cuda::select_gpu(gpu));
+    STGS_TRY(cuda_status(cudaGetDevice(&gpu_), "choosing the GPU"));
+    name_ = fmt::format("cuda ({})", properties.name);
+    return stream_.create();
+  }
+
+  std::string name() const override { return name_; }
+
+  Status run(const ViewSweeps& problem) override {
+    const std::lock_guard lock(mutex_);
+    const Status status = run_all(problem);
+    if (status.ok()) return {};
+    return {status.code(), status.message() + "; or use --backend cpu"};
+  }
+
+ private:
+  Status run_all(const ViewSweeps& problem) {
+    // The device is a setting of the thread.
+    STGS_TRY(cuda_status(cudaSetDevice(gpu_), "choosing the GPU"));
+    const cuda::WaitAtEnd wait{stream_};
+    STGS_TRY(upload_images(problem));
+    for (std::size_t first = 0; first < problem.sweeps.size();) {
+      const std::size_t end = make_batch(problem, first);
+      STGS_TRY(run_batch());
+      for (std::size_t k = first; k < end; ++k)
+        take_depths(problem.sweeps[k], sweeper_.regions()[k - first]);
+      first = end;
+    }
+    return {};
+  }
+
+  Status upload_images(const ViewSweeps& problem) {
+    std::size_t total = 0, with_usable = 0;
+    for (const SweepSource& image : problem.images) {
+      total += pixels_of(image);
+      if (image.usable != nullptr) with_usable += pixels_of(image);
+    }
+    STGS_TRY(corners_.start(total));
+    STGS_TRY(usable_.start(with_usable));
+    images_.clear();
+    for (SweepSource image : problem.images) {
+      const std::size_t pixels = pixels_of(image);
+      STGS_TRY(corners_.add(image.corners, pixels, stream_, &image.corners));
+      if (image.usable != nullptr)
+        STGS_TRY(usable_.add(image.usable, pixels, stream_, &image.usable));
+      images_.push_back(image);
+    }
+    return {};
+  }
+
+  // Lists the sweeps from `first` on that run together, and returns their end.
+  std::size_t make_batch(const ViewSweeps& problem, std::size_t first) {
+    sweeper_.clear();
+    std::size_t end = first;
+    for (; end < problem.sweeps.size(); ++end) {
+      const SweepRegion region = region_of(problem.sweeps[end]);
+      const std::size_t volume =
+          pixels_of(region.reference) * static_cast<std::size_t>(region.planes);
+      if (end > first && sweeper_.volume() + volume > kMaxVolume) break;
+      sweeper_.add(region);
+    }
+    return end;
+  }
+
+  SweepRegion region_of(const ViewSweep& sweep) const {
+    SweepRegion region{};
+    region.reference = images_[sweep.reference];
+    for (const geometry::SweptSource& source : sweep.sources)
+      region.sources[region.source_count++] = {images_[source.image], source.mapping};
+    region.width = region.reference.width;
+    region.height = region.reference.height;
+    region.planes = sweep.planes;
+    region.farthest_inverse = 1 / sweep.farthest;
+    region.step = (1 / sweep.nearest - 1 / sweep.farthest) / (sweep.planes - 1);
+    return region;
+  }
+
+  Status run_batch() {
+    STGS_TRY(sweeper_.start(stream_));
+    STGS_TRY(cuda_status(cudaMemsetAsync(sweeper_.arrays().costs, 0, sweeper_.volume(), stream_),
+                         "clearing a cost volume"));
+    return sweeper_.finish(stream_);
+  }
+
+  void take_depths(const ViewSweep& sweep, const SweepRegion& region) const {
+    const cuda::RegionDepth* from = sweeper_.results(region);
+    for (std::size_t i = 0; i < pixels_of(region.reference); ++i) {
+      sweep.depth[i] = from[i].depth;
+      sweep.cost[i] = from[i].cost;
+    }
+  }
+
+  std::mutex mutex_;
+  std::string name_;
+  int gpu_ = 0;
+  cuda::Stream stream_;
+  cuda::Uploaded<std::uint32_t> corners_, usable_;
+  cuda::RegionSweeper sweeper_;
+  std::vector<SweepSource> images_;  // on the device
+};
+
+}  // namespace
+
+Result<std::unique_ptr<geometry::ViewSweeper>> geometry::make_cuda_view_sweeper(int gpu) {
+  auto sweeper = std::make_unique<CudaViewSweeper>();
+  STGS_TRY(sweeper->create(gpu));
+  return std::unique_ptr<ViewSweeper>(std::move(sweeper));
+}
+
+}  // namespace stgs::encoder

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+// Velocities of the points of many frames on a GPU, from their nearest neighbours in other frames
+// (velocity_rule.h). The reference on the CPU is init/velocity_match.h.
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "geometry/velocity_rule.h"
+#include "stgs/format/status.h"
+
+namespace stgs::encoder::geometry {
+
+// The points of frame `from` that are matched with those of frame `to`.
+struct FramePair {
+  std::size_t from = 0, to = 0;
+  std::vector<math::Vec3> steps{};  // result, per point of `from`, scene units; NaN: unknown
+};
+
+struct VelocityProblem {
+  std::vector<std::vector<MatchPoint>> frames;
+  std::vector<FramePair> pairs;
+  double reach = 0;  // longest step, scene units
+};
+
+class VelocityMatcher {
+ public:
+  virtual ~VelocityMatcher() = default;
+  virtual std::string name() const = 0;
+  // Fills the steps of all pairs. Thread-safe. kRuntime if the GPU fails.
+  virtual Status run(VelocityProblem& problem) = 0;
+};
+
+// On GPU number `gpu` modulo the number of GPUs. kNotBuilt without CUDA, kUnsupported without one.
+Result<std::unique_ptr<VelocityMatcher>> make_cuda_velocity_matcher(int gpu);
+// `backend`: "cpu", "cuda" or "auto", which is CUDA if it can be used. Returns null for the CPU;
+// make_hull_sweeper(), for the points, logs why.
+Result<std::unique_ptr<VelocityMatcher>> make_velocity_matcher(const std::string& backend, int gpu);
+
+}  // namespace stgs::encoder::geometry
