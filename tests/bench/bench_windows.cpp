@@ -30,8 +30,8 @@ Status encode(const std::string& prepared, const std::string& output, int length
   std::filesystem::create_directory(work);
   const double begin = now();
   STGS_ASSIGN(const auto encoder, StreamEncoder::open(work, settings));
-  for (int begin = 0; begin < capture.frames; begin += length) {
-    const FrameSpan span = {begin, std::min(begin + length, capture.frames)};
+  for (int first = 0; first < capture.frames; first += length) {
+    const FrameSpan span = {first, std::min(first + length, capture.frames)};
     STGS_ASSIGN(const PreparedCapture window, extract_window(capture, span));
     const double start = now();
     STGS_ASSIGN(const StreamWindow out, encoder->encode(window, {}, {}));
