@@ -60,7 +60,7 @@ class Encode final : public Command {
         "  stgs encode capture/ -o scene.stgs --keep-work work/ --checkpoint work/run.ckpt\n"
         "  stgs encode capture/ -o scene.stgs --keep-work work/ --resume work/run.ckpt"};
   }
-  Shared shared() const override { return encoder_shared("Backend of training and of stereo"); }
+  Shared shared() const override { return encoder_shared("Backend of preparation and training"); }
   void declare(Arguments& app) override {
     app.add_option("CAPTURE", capture_, "Folder of videos or images")->required();
     app.add_option("-o,--output", output_, "Output file (.stgs)")->required();

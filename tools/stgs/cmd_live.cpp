@@ -100,7 +100,7 @@ class Live final : public Command {
         "  stgs live capture/ -o live.stgs --fps 30 --duration 60 --log windows.jsonl"};
   }
   Shared shared() const override {
-    Shared shared = encoder_shared("Backend of training and of stereo");
+    Shared shared = encoder_shared("Backend of preparation and training");
     shared.progress = false;
     return shared;
   }

@@ -69,7 +69,10 @@ Status write_gpu_masks(geometry::MotionFinder& gpu, const PreparedCapture& captu
     STGS_TRY(work.check());
     return load_image_to(capture, view, frame, rgb);
   };
-  STGS_ASSIGN(const cv::Mat given, given_flow(capture, view, settings, 0));
+  cv::Mat given;
+  if (capture.frames > 1) {  // the last frame has no flow
+    STGS_ASSIGN(given, given_flow(capture, view, settings, 0));
+  }
   if (!given.empty()) {
     sequence.flow = [&](int frame, float* flow) -> Status {
       STGS_ASSIGN(const cv::Mat found, given_flow(capture, view, settings, frame));

@@ -141,7 +141,7 @@ typedef struct stgs_prepare_settings {
                                     * folder; default 0 */
   int32_t trust_calibration;       /* 1: only warn if a mistake in the calibration is found; 0
                                     * (default): STGS_ERROR_INVALID_FILE */
-  stgs_backend backend;            /* of stereo, motion detection and dynamic points, as in
+  stgs_backend backend;            /* of stereo, sweeps, motion and velocities, as in
                                     * stgs_train_settings */
 } stgs_prepare_settings;
 

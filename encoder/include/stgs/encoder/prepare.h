@@ -47,7 +47,7 @@ struct PrepareSettings {
   int max_dynamic_points = 0;
   int max_static_points = 0;
   std::uint64_t seed = 1;
-  std::string backend = "auto";  // of stereo, motion and dynamic points: auto, cpu or cuda
+  std::string backend = "auto";  // of stereo, sweeps, motion, velocities: auto, cpu, cuda
   MachineShare share;
   bool overwrite = false;  // replace an existing prepared capture at the target
   // Allow the capture to name files outside its folder, directly or by links: it is trusted.
