@@ -71,6 +71,16 @@ TEST_CASE("undistorted points lie where the pinhole camera projects them") {
   }
 }
 
+TEST_CASE("undistortion leaves the source image as it is") {
+  const auto plan = plan_camera(lens_camera(GENERATE(false, true)), {320, 240, 1, 0}, 1);
+  REQUIRE(plan.ok());
+  const FrameMapping mapping(*plan);
+  const cv::Mat image = dot({60, 50}, 320, 240), before = image.clone();
+  const cv::Mat first = mapping.frame(image).clone(), second = mapping.frame(image);
+  CHECK(cv::norm(image, before, cv::NORM_INF) == 0);
+  CHECK(cv::norm(first, second, cv::NORM_INF) == 0);
+}
+
 TEST_CASE("undistortion zooms just enough to avoid a border") {
   SourceCamera source = lens_camera(false);
   source.distortion = {0.15, 0.02, 0, 0};  // pincushion: the corners map outside the source image

@@ -133,10 +133,11 @@ FrameMapping::FrameMapping(const CameraPlan& plan) : plan_(plan) {
 
 cv::Mat FrameMapping::frame(const cv::Mat& image) const {
   const Camera& camera = plan_.camera;
-  cv::Mat undistorted = image, scaled;
-  if (!map_x_.empty()) {
+  cv::Mat undistorted, scaled;  // of their own memory: the image may be used again
+  if (map_x_.empty())
+    undistorted = image;
+  else
     cv::remap(image, undistorted, map_x_, map_y_, cv::INTER_CUBIC, cv::BORDER_REPLICATE);
-  }
   if (undistorted.cols == camera.width && undistorted.rows == camera.height) return undistorted;
   cv::resize(undistorted, scaled, {camera.width, camera.height}, 0, 0, cv::INTER_AREA);
   return scaled;
