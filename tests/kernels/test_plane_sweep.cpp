@@ -203,8 +203,11 @@ TEST_CASE("the rule of CUDA gives the costs of vectors to the bit", "[sweep]") {
   const std::vector<std::uint32_t> corners = corners_of(b.grey.data(), b.width, b.height);
   std::vector<std::uint32_t> usable;
   for (std::size_t i = 0; i < b.grey.size(); ++i) usable.push_back(i % 7 == 0 ? 0 : 255);
-  const SweepMapping mapping{
-      {0.63f, -0.04f, 1e-3f}, {0.05f, 0.64f, -2e-3f}, {-3.2, 2.3, 1.0}, {0.9, -0.7, 0.1}};
+  // The second maps rows to rows, as cameras beside each other do.
+  const SweepMapping mapping = GENERATE(
+      SweepMapping{
+          {0.63f, -0.04f, 1e-3f}, {0.05f, 0.64f, -2e-3f}, {-3.2, 2.3, 1.0}, {0.9, -0.7, 0.1}},
+      SweepMapping{{1, 0, 0}, {0, 1, 0}, {-7.3, -9, 1}, {-4.9, 0, 0}});
   const SweepSource source{corners.data(), usable.data(), b.width, b.height};
   // The fewest pixels that differ: without fused multiply-add, rounding differs.
   std::size_t least = a.grey.size();

@@ -77,7 +77,7 @@ class Rig final : public LivePreparer {
     STGS_ASSIGN(sweeper_,
                 geometry::make_hull_sweeper(settings_.backend, settings_.share.index, log));
     STGS_ASSIGN(velocity_matcher_,
-                geometry::make_velocity_matcher(settings_.backend, settings_.share.index));
+                geometry::make_velocity_matcher(settings_.backend, settings_.share.index, log));
     return {};
   }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is dynamic in an image, pixel by pixel, as init/background.h and init/motion.h find it with
-// OpenCV. For CUDA; the integers are equal. Images are 8-bit RGB; rows without gaps.
+// Rules of motion detection for single pixels, for CUDA. Their integers equal those of OpenCV in
+// init/background.h and init/motion.h. Images are 8-bit RGB; rows without gaps.
 #pragma once
 
 #include <algorithm>

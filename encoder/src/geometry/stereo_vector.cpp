@@ -13,10 +13,10 @@ HWY_BEFORE_NAMESPACE();
 namespace stgs::encoder::geometry::HWY_NAMESPACE {
 namespace {
 
-// The hypotheses of a group, kMaxCandidates places per pixel.
+// The hypotheses of a group, kMaxCandidates slots per pixel.
 struct Candidates {
-  static constexpr int kPlaces = kPixels * kMaxCandidates;
-  HWY_ALIGN float depth[kPlaces], x[kPlaces], y[kPlaces], z[kPlaces];
+  static constexpr int kSlots = kPixels * kMaxCandidates;
+  HWY_ALIGN float depth[kSlots], x[kSlots], y[kSlots], z[kSlots];
   int count[kPixels] = {};
   int pixel = 0;  // whose hypotheses are added
 
@@ -24,7 +24,7 @@ struct Candidates {
     if (plane.depth > 0.0f) set(pixel * kMaxCandidates + count[pixel]++, plane);
   }
   Hypothesis at(int k) const { return {depth[k], {x[k], y[k], z[k]}}; }
-  // Sets the other places to a hypothesis of their pixel, or to any if it has none.
+  // Sets the other slots to a hypothesis of their pixel, or to any if it has none.
   void fill() {
     for (int p = 0; p < kPixels; ++p) {
       const int first = p * kMaxCandidates;
@@ -32,8 +32,8 @@ struct Candidates {
       for (int k = count[p]; k < kMaxCandidates; ++k) set(first + k, plane);
     }
   }
-  // The places up to the last hypothesis.
-  int used() const { return kPixels == 1 ? count[0] : kPlaces; }
+  // The slots up to the last hypothesis.
+  int used() const { return kPixels == 1 ? count[0] : kSlots; }
 
  private:
   void set(int k, Hypothesis plane) {
@@ -69,7 +69,7 @@ class GroupSearch {
   // Search::consider(), of several hypotheses.
   void consider(Candidates& candidates) {
     candidates.fill();
-    HWY_ALIGN float costs[Candidates::kPlaces];
+    HWY_ALIGN float costs[Candidates::kSlots];
     const Tag d;
     for (int k = 0; k < candidates.used(); k += kLanes) {
       const V3 normal = {hn::Load(d, candidates.x + k), hn::Load(d, candidates.y + k),

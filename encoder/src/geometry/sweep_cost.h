@@ -57,8 +57,7 @@ STGS_FN bool is_usable(const std::uint32_t* usable, int width, int height, Sweep
 STGS_FN float grey_between(const std::uint32_t* corners, int width, int height, SweepPosition at) {
   const float x = math::clamped(at.x, 0.0f, static_cast<float>(width - 1));
   const float y = math::clamped(at.y, 0.0f, static_cast<float>(height - 1));
-  // The pixel to the left of a position that is a pixel is as good.
-  const float x0 = std::rint(x - 0.5f), y0 = std::rint(y - 0.5f);
+  const float x0 = std::floor(x), y0 = std::floor(y);
   const float ax = x - x0, ay = y - y0;
   const std::uint32_t four = corners[static_cast<int>(y0) * width + static_cast<int>(x0)];
   const float left = static_cast<float>(four & 0xFFu),

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "geometry/velocity_rule.h"
+#include "stgs/encoder/progress.h"
 #include "stgs/format/status.h"
 
 namespace stgs::encoder::geometry {
@@ -34,8 +35,9 @@ class VelocityMatcher {
 
 // On GPU number `gpu` modulo the number of GPUs. kNotBuilt without CUDA, kUnsupported without one.
 Result<std::unique_ptr<VelocityMatcher>> make_cuda_velocity_matcher(int gpu);
-// `backend`: "cpu", "cuda" or "auto", which is CUDA if it can be used. Returns null for the CPU;
-// make_hull_sweeper(), for the points, logs why.
-Result<std::unique_ptr<VelocityMatcher>> make_velocity_matcher(const std::string& backend, int gpu);
+// `backend`: "cpu", "cuda" or "auto", which is CUDA if it can be used, and else the CPU, with a
+// line in `log`. Returns null for the CPU.
+Result<std::unique_ptr<VelocityMatcher>> make_velocity_matcher(const std::string& backend, int gpu,
+                                                               const LogSink& log);
 
 }  // namespace stgs::encoder::geometry

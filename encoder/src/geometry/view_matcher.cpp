@@ -66,14 +66,14 @@ Result<std::unique_ptr<HullSweeper>> make_hull_sweeper(const std::string& backen
                                                        const LogSink& log) {
   if (backend == "cpu") return std::unique_ptr<HullSweeper>();
   if (backend != "cuda" && backend != "auto") return unknown_backend(backend);
-  return if_usable(make_cuda_hull_sweeper(gpu), backend, "dynamic points and velocities", log);
+  return if_usable(make_cuda_hull_sweeper(gpu), backend, "dynamic points", log);
 }
 
-Result<std::unique_ptr<VelocityMatcher>> make_velocity_matcher(const std::string& backend,
-                                                               int gpu) {
+Result<std::unique_ptr<VelocityMatcher>> make_velocity_matcher(const std::string& backend, int gpu,
+                                                               const LogSink& log) {
   if (backend == "cpu") return std::unique_ptr<VelocityMatcher>();
   if (backend != "cuda" && backend != "auto") return unknown_backend(backend);
-  return if_usable(make_cuda_velocity_matcher(gpu), backend, "velocities", {});
+  return if_usable(make_cuda_velocity_matcher(gpu), backend, "velocities", log);
 }
 
 Result<std::unique_ptr<ViewSweeper>> make_view_sweeper(const std::string& backend, int gpu,

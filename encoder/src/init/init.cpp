@@ -214,7 +214,9 @@ Status find_velocities(State& state) {
   VelocityInput input{state.capture, state.agreeing, state.agreeing_motion, state.frames};
   std::shared_ptr<geometry::VelocityMatcher> gpu = state.settings.velocity_matcher;
   if (!state.settings.live) {
-    STGS_ASSIGN(gpu, geometry::make_velocity_matcher(state.settings.backend, state.settings.gpu));
+    const auto log = [&](int level, const std::string& line) { state.work.log(line, level); };
+    STGS_ASSIGN(gpu,
+                geometry::make_velocity_matcher(state.settings.backend, state.settings.gpu, log));
   }
   input.gpu = gpu.get();
   // Upper bound of a plausible velocity: 1/15 of the image width at the focus.

@@ -63,7 +63,7 @@ int count_on_line(const Features& a, const Features& b, const cv::Matx33d& f) {
 using FeaturesAfter = std::vector<std::array<Features, kMaxDelay + 1>>;
 
 // Adds the counts of the delays from `least` to `most`, in both directions, to all pairs. Finds the
-// features of the frames that are so long after `time`.
+// features of the frames that are `least` to `most` after frame `time`.
 Status count_pairs(const PreparedCapture& capture, const std::vector<View>& views, int time,
                    int least, int most, Work& work, FeaturesAfter* features,
                    std::vector<PairCounts>* pairs) {

@@ -26,8 +26,8 @@ __device__ int root_of(const int* labels, int i) {
   return i;
 }
 
-// The larger root gets the smaller one as its label. It may have lost its place to another thread,
-// whose label it then continues with.
+// The larger root gets the smaller one as its label. If another thread has changed the label of the
+// larger root first, that label is joined, too.
 __device__ void unite(int* labels, int a, int b) {
   for (;;) {
     a = root_of(labels, a);
@@ -62,8 +62,8 @@ __global__ void __launch_bounds__(kPixelThreads) runs_kernel(MotionSize size, Co
   all.areas[i] = 0;
 }
 
-// Joins runs with those to the left and above. Pixels whose left neighbour does the same are left
-// out.
+// Joins runs with those to the left and above. A pixel whose left neighbour joins the same two runs
+// is skipped.
 template <bool kDiagonal>
 __global__ void __launch_bounds__(kPixelThreads) join_kernel(MotionSize size, Components all) {
   const ThreadPixel at = thread_pixel();

@@ -11,7 +11,7 @@ using geometry::kLengthBins;
 using geometry::kMaxMedianSamples;
 
 constexpr int kMaxSamples = static_cast<int>(kMaxMedianSamples);
-constexpr int kMaskReach = 2;  // masks are dilated by so many pixels
+constexpr int kMaskReach = 2;  // radius by which masks are dilated, pixels
 
 __device__ bool is_masked_near(const std::uint8_t* mask, MotionSize size, int x, int y) {
   for (int j = max(y - kMaskReach, 0); j <= min(y + kMaskReach, size.height - 1); ++j) {

@@ -14,7 +14,7 @@ namespace stgs::encoder::cuda {
 template <typename T>
 class Uploaded {
  public:
-  // Starts again, for arrays with so many values in total.
+  // Starts again, for arrays of `total` values together.
   Status start(std::size_t total) {
     used_ = 0;
     return array_.ensure(std::max<std::size_t>(total, 1));
