@@ -57,6 +57,10 @@ struct State {
   TimingCheck timing{};      // last, because its threads use the members above
 };
 
+LogSink log_of(const State& state) {
+  return [&state](int level, const std::string& line) { state.work.log(line, level); };
+}
+
 int static_limit(const State& state) {
   if (state.settings.max_static_points > 0) return state.settings.max_static_points;
   const Camera& camera = *state.views[0].camera;
@@ -94,9 +98,9 @@ Status find_all_motion(State& state) {
     });
   }
   if (!state.settings.live) {
-    const auto log = [&](int level, const std::string& line) { state.work.log(line, level); };
-    STGS_ASSIGN(state.motion_finder,
-                geometry::make_motion_finder(state.settings.backend, state.settings.gpu, log));
+    STGS_ASSIGN(
+        state.motion_finder,
+        geometry::make_motion_finder(state.settings.backend, state.settings.gpu, log_of(state)));
   }
   STGS_TRY(state.work.for_each(int(state.views.size()), [&](int i) {
     if (state.settings.live) {
@@ -153,9 +157,8 @@ Status find_static(State& state) {
     }
   }
   state.work.stage("depth range", int(with_frames.size()));
-  const auto log = [&](int level, const std::string& line) { state.work.log(line, level); };
-  STGS_ASSIGN(const auto sweeper,
-              geometry::make_view_sweeper(state.settings.backend, state.settings.gpu, log));
+  STGS_ASSIGN(const auto sweeper, geometry::make_view_sweeper(state.settings.backend,
+                                                              state.settings.gpu, log_of(state)));
   STGS_TRY(find_depth_range(with_frames, sweeper.get(), state.work, &state.scene));
   if (!state.scene.range.measured) {
     state.work.log("depth range: not measurable from the images; estimated from the cameras", 1);
@@ -189,10 +192,9 @@ Status find_dynamic(State& state) {
   settings.limit = dynamic_limit(state);
   state.frames.resize(state.capture.frames);
   std::shared_ptr<geometry::HullSweeper> sweeper = state.settings.sweeper;
-  const auto log = [&](int level, const std::string& line) { state.work.log(line, level); };
   if (!state.settings.live) {
-    STGS_ASSIGN(sweeper,
-                geometry::make_hull_sweeper(state.settings.backend, state.settings.gpu, log));
+    STGS_ASSIGN(sweeper, geometry::make_hull_sweeper(state.settings.backend, state.settings.gpu,
+                                                     log_of(state)));
   }
   settings.max_side = sweeper ? kGpuSweepSide : kCpuSweepSide;
   const DynamicFinder finder(state.capture, state.agreeing, state.scene, settings, sweeper.get());
@@ -214,9 +216,8 @@ Status find_velocities(State& state) {
   VelocityInput input{state.capture, state.agreeing, state.agreeing_motion, state.frames};
   std::shared_ptr<geometry::VelocityMatcher> gpu = state.settings.velocity_matcher;
   if (!state.settings.live) {
-    const auto log = [&](int level, const std::string& line) { state.work.log(line, level); };
-    STGS_ASSIGN(gpu,
-                geometry::make_velocity_matcher(state.settings.backend, state.settings.gpu, log));
+    STGS_ASSIGN(gpu, geometry::make_velocity_matcher(state.settings.backend, state.settings.gpu,
+                                                     log_of(state)));
   }
   input.gpu = gpu.get();
   // Upper bound of a plausible velocity: 1/15 of the image width at the focus.
@@ -328,8 +329,7 @@ Status run(State& state) {
                            state.static_points, state.dynamic_points},
                           facts_of(state), state.work));
   }
-  log_times(state.work.timings(),
-            [&](int level, const std::string& line) { state.work.log(line, level); });
+  log_times(state.work.timings(), log_of(state));
   return {};
 }
 
@@ -375,8 +375,7 @@ Status run_later(State& state, const StaticFindings& findings) {
   collect_points(state);
   state.static_points = findings.points;
   STGS_TRY(hand_over_points(state));
-  log_times(state.work.timings(),
-            [&](int level, const std::string& line) { state.work.log(line, level); });
+  log_times(state.work.timings(), log_of(state));
   return {};
 }
 
