@@ -9,6 +9,7 @@
 #include "backend/cuda/memory.h"
 #include "backend/cuda/region_sweeper.h"
 #include "backend/cuda/select_gpu.h"
+#include "backend/cuda/serial_gpu.h"
 #include "backend/cuda/upload.h"
 #include "geometry/hull_sweep.h"
 #include "geometry/sweep_mapping.h"
@@ -260,11 +261,7 @@ class Lane {
 class CudaHullSweeper final : public geometry::HullSweeper {
  public:
   explicit CudaHullSweeper(int gpu) : lanes_(gpu, kMaxLanes) {}
-  Status run(HullSweep& sweep) override {
-    const Status status = lanes_.take()->run(sweep);
-    if (status.ok()) return {};
-    return {status.code(), status.message() + "; or use --backend cpu"};
-  }
+  Status run(HullSweep& sweep) override { return cuda::with_remedy(lanes_.take()->run(sweep)); }
 
  private:
   cuda::LanePool<Lane> lanes_;

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "backend/cuda/serial_gpu.h"
 #include "geometry/masked_median.h"
 
 namespace stgs::encoder::cuda {
@@ -15,12 +16,6 @@ namespace {
 
 constexpr std::size_t kAlignment = 256;  // of arrays, bytes
 constexpr int kDeviations = 256;
-
-// Adds a remedy to an error of the GPU.
-Status with_remedy(const Status& status) {
-  if (status.ok()) return {};
-  return {status.code(), status.message() + "; or use --backend cpu"};
-}
 
 Status checked(cudaError_t error, const char* operation) {
   return with_remedy(cuda_status(error, operation));

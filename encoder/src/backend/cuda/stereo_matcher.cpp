@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <mutex>
 #include <string>
 #include <utility>
 
 #include "backend/cuda/memory.h"
-#include "backend/cuda/select_gpu.h"
+#include "backend/cuda/serial_gpu.h"
 #include "backend/cuda/stereo.h"
 #include "geometry/view_matcher.h"
 
@@ -55,26 +54,15 @@ struct DeviceImage {
 // Runs one pass at a time, and uploads the images for each.
 class CudaMatcher final : public geometry::ViewMatcher {
  public:
-  Status create(int gpu) {
-    STGS_ASSIGN(const cudaDeviceProp properties, cuda::select_gpu(gpu));
-    STGS_TRY(cuda::cuda_status(cudaGetDevice(&gpu_), "choosing the GPU"));
-    name_ = fmt::format("cuda ({})", properties.name);
-    return stream_.create();
-  }
-
-  std::string name() const override { return name_; }
+  Status create(int gpu) { return gpu_.create(gpu); }
+  std::string name() const override { return gpu_.name(); }
 
   Status run(const geometry::ViewPass& pass) override {
-    const Status status = run_pass(pass);
-    if (status.ok()) return {};
-    return {status.code(), status.message() + "; or use --backend cpu"};
+    return gpu_.run([&] { return run_pass(pass); });
   }
 
  private:
   Status run_pass(const geometry::ViewPass& pass) {
-    const std::lock_guard lock(mutex_);
-    // The device is a setting of the thread.
-    STGS_TRY(cuda::cuda_status(cudaSetDevice(gpu_), "choosing the GPU"));
     geometry::StereoProblem problem = pass.problem;
     STGS_TRY(reference_.take(problem.reference, stream_));
     for (int k = 0; k < problem.source_count; ++k)
@@ -94,10 +82,8 @@ class CudaMatcher final : public geometry::ViewMatcher {
     return stream_.wait();
   }
 
-  std::mutex mutex_;
-  std::string name_;
-  int gpu_ = 0;
-  cuda::Stream stream_;
+  cuda::SerialGpu gpu_;
+  const cuda::Stream& stream_ = gpu_.stream();
   DeviceImage reference_, sources_[geometry::kMaxSources];
   DeviceArray<geometry::Hypothesis> planes_;
   DeviceArray<float> costs_;

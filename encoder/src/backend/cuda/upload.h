@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Uploads of several arrays, and waiting for them.
+// Uploads of several arrays.
 #pragma once
 
 #include <algorithm>
@@ -37,12 +37,6 @@ class Uploaded {
  private:
   DeviceArray<T> array_;
   std::size_t used_ = 0;
-};
-
-// Waits also after an error or an exception, because copies read the memory of the caller.
-struct WaitAtEnd {
-  const Stream& stream;
-  ~WaitAtEnd() { (void)stream.wait(); }
 };
 
 }  // namespace stgs::encoder::cuda

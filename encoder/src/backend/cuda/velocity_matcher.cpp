@@ -2,10 +2,9 @@
 #include "geometry/velocity_matcher.h"
 
 #include <algorithm>
-#include <mutex>
 #include <utility>
 
-#include "backend/cuda/select_gpu.h"
+#include "backend/cuda/serial_gpu.h"
 #include "backend/cuda/upload.h"
 #include "backend/cuda/velocity.h"
 
@@ -25,27 +24,15 @@ constexpr std::size_t kMaxPoints = std::size_t{1} << 21, kMaxPairs = 4096;
 // Runs one problem at a time.
 class CudaVelocityMatcher final : public geometry::VelocityMatcher {
  public:
-  Status create(int gpu) {
-    STGS_ASSIGN(const cudaDeviceProp properties, cuda::select_gpu(gpu));
-    STGS_TRY(cuda_status(cudaGetDevice(&gpu_), "choosing the GPU"));
-    name_ = fmt::format("cuda ({})", properties.name);
-    return stream_.create();
-  }
-
-  std::string name() const override { return name_; }
+  Status create(int gpu) { return gpu_.create(gpu); }
+  std::string name() const override { return gpu_.name(); }
 
   Status run(VelocityProblem& problem) override {
-    const std::lock_guard lock(mutex_);
-    const Status status = run_all(problem);
-    if (status.ok()) return {};
-    return {status.code(), status.message() + "; or use --backend cpu"};
+    return gpu_.run([&] { return run_all(problem); });
   }
 
  private:
   Status run_all(VelocityProblem& problem) {
-    // The device is a setting of the thread.
-    STGS_TRY(cuda_status(cudaSetDevice(gpu_), "choosing the GPU"));
-    const cuda::WaitAtEnd wait{stream_};
     STGS_TRY(upload_frames(problem));
     for (std::size_t first = 0; first < problem.pairs.size();) {
       const std::size_t end = make_batch(problem, first);
@@ -118,10 +105,8 @@ class CudaVelocityMatcher final : public geometry::VelocityMatcher {
     }
   }
 
-  std::mutex mutex_;
-  std::string name_;
-  int gpu_ = 0;
-  cuda::Stream stream_;
+  cuda::SerialGpu gpu_;
+  const cuda::Stream& stream_ = gpu_.stream();
   cuda::Uploaded<MatchPoint> device_points_;
   cuda::Uploaded<cuda::MatchedClouds> device_pairs_;
   DeviceArray<std::uint32_t> neighbours_;

@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "geometry/view_sweeper.h"
 
-#include <mutex>
 #include <utility>
 
 #include "backend/cuda/region_sweeper.h"
-#include "backend/cuda/select_gpu.h"
+#include "backend/cuda/serial_gpu.h"
 
 namespace stgs::encoder {
 namespace {
@@ -26,27 +25,15 @@ std::size_t pixels_of(const SweepSource& image) {
 // Runs one problem at a time.
 class CudaViewSweeper final : public geometry::ViewSweeper {
  public:
-  Status create(int gpu) {
-    STGS_ASSIGN(const cudaDeviceProp properties, cuda::select_gpu(gpu));
-    STGS_TRY(cuda_status(cudaGetDevice(&gpu_), "choosing the GPU"));
-    name_ = fmt::format("cuda ({})", properties.name);
-    return stream_.create();
-  }
-
-  std::string name() const override { return name_; }
+  Status create(int gpu) { return gpu_.create(gpu); }
+  std::string name() const override { return gpu_.name(); }
 
   Status run(const ViewSweeps& problem) override {
-    const std::lock_guard lock(mutex_);
-    const Status status = run_all(problem);
-    if (status.ok()) return {};
-    return {status.code(), status.message() + "; or use --backend cpu"};
+    return gpu_.run([&] { return run_all(problem); });
   }
 
  private:
   Status run_all(const ViewSweeps& problem) {
-    // The device is a setting of the thread.
-    STGS_TRY(cuda_status(cudaSetDevice(gpu_), "choosing the GPU"));
-    const cuda::WaitAtEnd wait{stream_};
     STGS_TRY(upload_images(problem));
     for (std::size_t first = 0; first < problem.sweeps.size();) {
       const std::size_t end = make_batch(problem, first);
@@ -119,10 +106,8 @@ class CudaViewSweeper final : public geometry::ViewSweeper {
     }
   }
 
-  std::mutex mutex_;
-  std::string name_;
-  int gpu_ = 0;
-  cuda::Stream stream_;
+  cuda::SerialGpu gpu_;
+  const cuda::Stream& stream_ = gpu_.stream();
   cuda::Uploaded<std::uint32_t> corners_, usable_;
   cuda::RegionSweeper sweeper_;
   std::vector<SweepSource> images_;  // on the device
