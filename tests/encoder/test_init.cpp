@@ -134,6 +134,10 @@ TEST_CASE("held-out cameras are never read, and the number of threads does not c
   const testing::LoopThreads one_thread(1);
   REQUIRE(run(b).ok());
   CHECK(result_of(a) == result_of(b));
+  InitSettings other_seed = quick();
+  other_seed.seed = 2;
+  REQUIRE(run(b, other_seed).ok());
+  CHECK(result_of(a) != result_of(b));
   for (const Camera& camera : a.cameras) {
     CHECK(std::filesystem::exists(a.mask_path(camera, 0)) == !camera.test);
   }

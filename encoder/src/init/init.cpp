@@ -170,8 +170,8 @@ Status find_static(State& state) {
   // Started here, because stereo on a GPU leaves the CPU idle.
   if (state.settings.separate_motion && !state.settings.live)
     state.timing.start(state.capture, state.views, state.calibration);
-  return refine_static_depth(backgrounds[0], state.settings.backend, state.settings.gpu, state.work,
-                             &state.scene);
+  const StereoChoice choice{state.settings.backend, state.settings.gpu, state.settings.seed};
+  return refine_static_depth(backgrounds[0], choice, state.work, &state.scene);
 }
 
 Status choose_static(State& state) {

@@ -306,11 +306,11 @@ Status find_static_depth(const std::vector<StaticImage>& inputs, geometry::ViewS
   });
 }
 
-Status refine_static_depth(const std::vector<StaticImage>& inputs, const std::string& backend,
-                           int gpu, Work& work, StaticScene* scene) {
+Status refine_static_depth(const std::vector<StaticImage>& inputs, const StereoChoice& choice,
+                           Work& work, StaticScene* scene) {
   const DepthRange range = surface_range(scene->surfaces);
   STGS_ASSIGN(const std::vector<StereoDepth> stereo,
-              match_static(inputs, scene->focus.point, range, backend, gpu, work));
+              match_static(inputs, scene->focus.point, range, choice, work));
   if (stereo.empty()) return {};
   for (std::size_t i = 0; i < stereo.size(); ++i) {
     Surface& surface = scene->surfaces[i];

@@ -44,11 +44,18 @@ Status find_depth_range(const std::vector<std::vector<StaticImage>>& inputs,
 Status find_static_depth(const std::vector<StaticImage>& inputs, geometry::ViewSweeper* gpu,
                          Work& work, StaticScene* scene);
 
+// How stereo runs.
+struct StereoChoice {
+  std::string backend;  // geometry/view_matcher.h
+  int gpu = 0;
+  std::uint64_t seed = 1;  // of its random planes
+};
+
 // Improves that depth, and adds normals, by stereo, unless there are fewer than three images; then
 // places sky and far background, and moves interpolated depth that other views contradict.
-// Stages "stereo", on a backend and GPU (geometry/view_matcher.h), and "far background".
-Status refine_static_depth(const std::vector<StaticImage>& inputs, const std::string& backend,
-                           int gpu, Work& work, StaticScene* scene);
+// Stages "stereo" and "far background".
+Status refine_static_depth(const std::vector<StaticImage>& inputs, const StereoChoice& choice,
+                           Work& work, StaticScene* scene);
 
 // Selects at most `limit` points: from `given` first, then confirmed depth, then interpolated
 // depth.

@@ -51,7 +51,7 @@ StereoDepth depth_of(const geometry::StereoView& view, const geometry::StereoMap
 
 Result<std::vector<StereoDepth>> match_static(const std::vector<StaticImage>& inputs,
                                               const cv::Vec3d& focus, const DepthRange& range,
-                                              const std::string& backend, int gpu, Work& work) {
+                                              const StereoChoice& choice, Work& work) {
   std::vector<StereoDepth> depths;
   std::vector<View> views;
   for (const StaticImage& input : inputs) {
@@ -68,10 +68,11 @@ Result<std::vector<StereoDepth>> match_static(const std::vector<StaticImage>& in
   geometry::StereoSettings settings;
   settings.nearest = float(range.nearest);
   settings.farthest = float(range.farthest);
+  settings.seed = choice.seed;
   STGS_ASSIGN(const auto matcher,
-              geometry::make_matcher(backend, gpu, [&work](int level, const std::string& line) {
-                work.log(line, level);
-              }));
+              geometry::make_matcher(
+                  choice.backend, choice.gpu,
+                  [&work](int level, const std::string& line) { work.log(line, level); }));
   STGS_ASSIGN(const std::vector<geometry::StereoMap> maps,
               geometry::match_views(images, settings, *matcher,
                                     [&work](int count, const std::function<Status(int)>& task) {

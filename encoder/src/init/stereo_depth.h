@@ -13,6 +13,7 @@ namespace stgs::encoder::init {
 
 struct DepthRange;
 struct StaticImage;
+struct StereoChoice;
 
 // The depth of one view that stereo confirms.
 struct StereoDepth {
@@ -21,10 +22,10 @@ struct StereoDepth {
   cv::Mat cost;    // CV_32F, in [0, 1]
 };
 
-// Matches the images within a depth range, on a backend and GPU (view_matcher.h). Returns one
-// result per image, at about half its size, or none for fewer than three images.
+// Matches the images within a depth range. Returns one result per image, at about half its size, or
+// none for fewer than three images.
 Result<std::vector<StereoDepth>> match_static(const std::vector<StaticImage>& inputs,
                                               const cv::Vec3d& focus, const DepthRange& range,
-                                              const std::string& backend, int gpu, Work& work);
+                                              const StereoChoice& choice, Work& work);
 
 }  // namespace stgs::encoder::init
