@@ -190,11 +190,15 @@ class LongRun:
                                     window["resident_bytes"], window["open_files"]])
 
     def run(self):
-        capture = self.work / "capture"
+        capture, description = self.work / "capture", self.work / "capture.txt"
+        arguments = [*self.rig, "--frames", str(self.options.frames)]
         if not capture.exists():
             generated = self.work / "capture.part"
-            subprocess.run([self.generator, generated, *self.rig, "--frames", str(self.options.frames)], check=True)
+            subprocess.run([self.generator, generated, *arguments], check=True)
+            description.write_text(" ".join(arguments), encoding="ascii")
             generated.rename(capture)
+        if description.read_text(encoding="ascii") != " ".join(arguments):
+            sys.exit(f"long_capture.py: {capture}: was made with other options; name another --work folder")
         figures = self.figures(self.encode())
         if self.options.windows:
             self.write_windows(self.options.windows)

@@ -22,15 +22,18 @@ class LongCapture(unittest.TestCase):
         self.addCleanup(folder.cleanup)
         self.folder = pathlib.Path(folder.name)
 
-    def run_tool(self, work, kills):
-        run = subprocess.run(
+    def start_tool(self, work, kills, options=()):
+        return subprocess.run(
             [sys.executable, HERE / "long_capture.py", "--build", sys.argv[1], "--frames", str(FRAMES),
              "--window", str(WINDOW), "--kills", str(kills), "--cameras", "3", "--size", "64x36",
-             "--work", self.folder / work, "--windows", self.folder / f"{work}.csv", "--", "--preset", "fast",
+             "--work", self.folder / work, "--windows", self.folder / f"{work}.csv", *options, "--", "--preset", "fast",
              "--iterations", "20", "--max-primitives", "800", "--max-static-points", "1500",
              "--backend", "cpu", "--seed", "3"],
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, check=False,
             timeout=600)
+
+    def run_tool(self, work, kills):
+        run = self.start_tool(work, kills)
         self.assertEqual(run.returncode, 0, run.stderr)
         return json.loads(run.stdout)
 
@@ -48,7 +51,10 @@ class LongCapture(unittest.TestCase):
         self.assertLessEqual(once["open_files"]["end"], once["open_files"]["start"])
         rows = (self.folder / "once.csv").read_text(encoding="ascii").splitlines()
         self.assertEqual(len(rows), 1 + FRAMES // WINDOW)
-        self.assertEqual(sorted(os.listdir(self.folder / "killed")), ["capture", "images", "long.stgs"])
+        self.assertEqual(sorted(os.listdir(self.folder / "killed")), ["capture", "capture.txt", "images", "long.stgs"])
+        other = self.start_tool("killed", 0, ["--fps", "20"])
+        self.assertEqual(other.returncode, 1)
+        self.assertIn("was made with other options", other.stderr)
 
     def test_the_capture_plays_live(self):
         programs, capture = pathlib.Path(sys.argv[1], "bin"), self.folder / "capture"
