@@ -31,6 +31,8 @@ class Usage(CliTest):
             ("--progress: 'often' is not one of", [*render, "--progress", "often"]),
             ("--log-level: 'loud' is not one of", [*render, "--log-level", "loud"]),
             ("--backend: 'abacus' is not one of", [*render, "--backend", "abacus"]),
+            ("--video-decoder: 'abacus' is not one of auto, cpu, cuda",
+             ["prepare", prepared, "-o", "out", "--video-decoder", "abacus"]),
             ("--threads: -1 is out of range", ["validate", tiny, "--threads", "-1"]),
             ("--threads: 'two' is not a number", ["validate", tiny, "--threads", "two"]),
             ("--seed: '-3' is not an integer",
@@ -116,6 +118,17 @@ class Usage(CliTest):
                 self.assertIn(b"use --backend cpu", result.stderr)
         self.assertEqual(os.listdir(self.work), [])
 
+    def test_a_required_video_decoder_that_is_missing_is_reported(self):
+        if os.path.exists("/dev/nvidiactl"):
+            self.skipTest("there is a GPU")
+        for verb, output in (("prepare", "out"), ("encode", "out.stgs")):
+            with self.subTest(verb=verb):
+                result = self.stgs(verb, self.fixture("prepared"), "-o", output,
+                                   "--video-decoder", "cuda")
+                self.assertIn(result.returncode, (5, 6))
+                self.assertIn(b"use --video-decoder cpu", result.stderr)
+        self.assertEqual(os.listdir(self.work), [])
+
 
 class Help(CliTest):
     def verbs(self):
@@ -139,6 +152,7 @@ class Help(CliTest):
             "--log-level": training | {"live", "prepare", "render", "pack", "convert", "finalize", "play", "serve", "web"},
             "--backend": rendering | training | {"live", "prepare"},
             "--threads": rendering | training | {"live", "prepare", "pack", "validate", "convert", "play"},
+            "--video-decoder": {"encode", "live", "prepare"},
             "--seed": training | {"live", "prepare", "bench"},
             "--timeout": rendering | {"info", "validate", "play", "web"},
             "--allow-private": rendering | {"info", "validate", "play", "web"},

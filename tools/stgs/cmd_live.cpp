@@ -17,6 +17,7 @@
 #include "stgs/encoder/live_encoder.h"
 #include "stgs/format/temporary.h"
 #include "usage.h"
+#include "video_decoder_option.h"
 
 namespace stgs::tools {
 namespace {
@@ -140,6 +141,7 @@ class Live final : public Command {
     app.add_flag("--trust-calibration", prepare_.trust_calibration,
                  "Only warn if a mistake in the calibration is found");
     add_allow_outside(app, prepare_.allow_outside);
+    add_video_decoder(app, prepare_.video_decoder);
   }
 
   Status run(Session& session) override {

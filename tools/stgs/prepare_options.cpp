@@ -7,6 +7,7 @@
 #include "parameter_options.h"
 #include "protocol_option.h"
 #include "usage.h"
+#include "video_decoder_option.h"
 
 #ifdef __GLIBC__
 #include <malloc.h>
@@ -57,6 +58,7 @@ void PrepareOptions::declare(Arguments& app) {
   app.add_flag("--overwrite", settings_.overwrite, "Replace an existing prepared capture")
       ->group(group);
   add_allow_outside(app, settings_.allow_outside)->group(group);
+  add_video_decoder(app, settings_.video_decoder)->group(group);
   app.add_flag("--trust-calibration", settings_.trust_calibration,
                "Only warn if a mistake in the calibration is found")
       ->group(group);

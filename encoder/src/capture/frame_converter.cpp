@@ -72,16 +72,16 @@ Status ffmpeg_error(int error) {
   return {lacks ? StatusCode::kUnsupported : StatusCode::kInvalidFile, std::move(reason)};
 }
 
-FrameConverter::Form FrameConverter::form_of(const AVFrame& frame) {
+FrameConverter::Form FrameConverter::form_of(const AVFrame& frame, AVPixelFormat stated) {
   Form form;
   form.width = frame.width;
   form.height = frame.height;
   const bool is_stated = frame.color_range != AVCOL_RANGE_UNSPECIFIED;
-  bool full = is_stated ? frame.color_range == AVCOL_RANGE_JPEG
-                        : is_grey(static_cast<AVPixelFormat>(frame.format));
+  bool full = is_stated ? frame.color_range == AVCOL_RANGE_JPEG : is_grey(stated);
   form.chroma = frame.chroma_location;
   bool is_jpeg = false;
-  form.pixels = without_range(static_cast<AVPixelFormat>(frame.format), is_jpeg);
+  form.pixels = without_range(stated, is_jpeg);
+  if (frame.format != stated) form.pixels = static_cast<AVPixelFormat>(frame.format);
   form.full_range = full || is_jpeg;
   if (form.chroma == AVCHROMA_LOC_UNSPECIFIED)
     form.chroma = is_jpeg ? AVCHROMA_LOC_CENTER : AVCHROMA_LOC_LEFT;
@@ -123,13 +123,13 @@ Result<FrameConverter::Scaler> FrameConverter::make_scaler(const Form& form) {
   return scaler;
 }
 
-Result<cv::Mat> FrameConverter::convert(const AVFrame& frame) {
+Result<cv::Mat> FrameConverter::convert(const AVFrame& frame, AVPixelFormat stated) {
   if (!is_known(frame.colorspace)) {
     const char* const name = av_color_space_name(frame.colorspace);
     return unsupported("its colours have the matrix '{}'; convert the video to BT.709 first",
                        name == nullptr ? "unknown" : name);
   }
-  const Form form = form_of(frame);
+  const Form form = form_of(frame, stated);
   if (scaler_ == nullptr || !(form == form_)) {
     STGS_ASSIGN(scaler_, make_scaler(form));
     form_ = form;

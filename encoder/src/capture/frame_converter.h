@@ -22,8 +22,9 @@ Status ffmpeg_error(int error);
 class FrameConverter {
  public:
   // Returns a frame as 8-bit BGR. Chroma is interpolated from its stated position. kUnsupported if
-  // the frame states a matrix other than BT.601, FCC, SMPTE 240M, BT.709 or BT.2020.
-  Result<cv::Mat> convert(const AVFrame& frame);
+  // the frame states a matrix other than BT.601, FCC, SMPTE 240M, BT.709 or BT.2020. `stated`: the
+  // format of the video, which may imply a range; that of the frame may be another layout of it.
+  Result<cv::Mat> convert(const AVFrame& frame, AVPixelFormat stated);
 
  private:
   // The properties on which the conversion depends.
@@ -40,7 +41,7 @@ class FrameConverter {
   };
   using Scaler = std::unique_ptr<SwsContext, FreeScaler>;
 
-  static Form form_of(const AVFrame& frame);
+  static Form form_of(const AVFrame& frame, AVPixelFormat stated);
   static Result<Scaler> make_scaler(const Form& form);
 
   Scaler scaler_;

@@ -59,7 +59,8 @@ struct OpenVideo {
 };
 
 // `camera` must outlive the video.
-Result<OpenVideo> open_video(const CaptureFolder& files, const SourceCamera& camera) {
+Result<OpenVideo> open_video(const CaptureFolder& files, const SourceCamera& camera,
+                             const VideoDecoding& decoding) {
   const std::string& path = camera.video;
   if (!files.exists(path)) return io_error("{}: video of camera '{}' not found", path, camera.name);
   if (files.kind(path) == CaptureFolder::Kind::kOther) {
@@ -69,10 +70,12 @@ Result<OpenVideo> open_video(const CaptureFolder& files, const SourceCamera& cam
   const std::string what = fmt::format("video of camera '{}'", camera.name);
   STGS_ASSIGN(const std::uint64_t bytes, check_video_file(file, path, what));
   // By the descriptor, so that FFmpeg reads the file that was checked.
-  STGS_ASSIGN(auto decoder, VideoDecoder::open(file.name(), path + ": " + what,
-                                               [frames = StoredFrames(bytes)](auto stored) mutable {
-                                                 return frames.check(stored);
-                                               }));
+  STGS_ASSIGN(auto decoder, VideoDecoder::open(
+                                file.name(), path + ": " + what,
+                                [frames = StoredFrames(bytes)](auto stored) mutable {
+                                  return frames.check(stored);
+                                },
+                                decoding));
   // Before the decoder gets a frame. Containers may state no size.
   const VideoTrack& track = decoder->track();
   if (track.width > 0 && track.height > 0) {
@@ -159,6 +162,7 @@ class DecodingReader final : public VideoReader {
     ++next_;
     return image;
   }
+  DecodedBy decoded_by() const override { return decoder_->decoded_by(); }
 
  private:
   std::unique_ptr<VideoDecoder> decoder_;
@@ -197,7 +201,7 @@ Result<FrameInfo> probe_frames(const CaptureFolder& files, const SourceCamera& c
     info.frames = static_cast<int>(camera.images.size());
     return info;
   }
-  STGS_ASSIGN(OpenVideo video, open_video(files, camera));
+  STGS_ASSIGN(OpenVideo video, open_video(files, camera, {}));
   STGS_ASSIGN(const bool has_frame, video.decoder->advance());
   if (!has_frame) {
     return invalid_file("{}: video of camera '{}' has no frame; copy the file again", camera.video,
@@ -220,13 +224,14 @@ Result<cv::Mat> read_image(const CaptureFolder& files, const SourceCamera& camer
 }
 
 Result<std::unique_ptr<VideoReader>> VideoReader::open(const CaptureFolder& files,
-                                                       const SourceCamera& camera, int first) {
-  STGS_ASSIGN(OpenVideo video, open_video(files, camera));
+                                                       const SourceCamera& camera, int first,
+                                                       const VideoDecoding& decoding) {
+  STGS_ASSIGN(OpenVideo video, open_video(files, camera, decoding));
   bool skipped = false;
   if (first > kMaxDecoded) {
     STGS_ASSIGN(skipped, video.decoder->skip_to(first));
     if (!skipped) {
-      STGS_ASSIGN(video, open_video(files, camera));
+      STGS_ASSIGN(video, open_video(files, camera, decoding));
     }
   }
   for (int frame = 0; frame < first && !skipped; ++frame) {

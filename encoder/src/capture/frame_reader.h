@@ -7,6 +7,7 @@
 #include <string>
 
 #include "source_capture.h"
+#include "video_decoder.h"
 
 namespace stgs::encoder {
 
@@ -22,10 +23,10 @@ struct FrameInfo {
 Result<cv::Mat> decode_file(const CaptureFolder& files, const std::string& path,
                             const std::string& what, int flags);
 
-// Decodes the first frame and returns the properties of all. Errors name file and camera.
-// kInvalidFile for more than kCaptureLimits.frames, for a video that check_video_file() refuses or
-// whose header states too many pixels, and for one that states more frames than its bytes can hold:
-// fewer than 8 bytes per frame, or more than 2^20 pixels per byte.
+// Decodes the first frame, on the CPU, and returns the properties of all. Errors name file and
+// camera. kInvalidFile for more than kCaptureLimits.frames, for a video that check_video_file()
+// refuses or whose header states too many pixels, and for one that states more frames than its
+// bytes can hold: fewer than 8 bytes per frame, or more than 2^20 pixels per byte.
 Result<FrameInfo> probe_frames(const CaptureFolder& files, const SourceCamera& camera);
 
 // Decodes an image frame to 8-bit BGR. EXIF orientation is ignored, as calibration tools and other
@@ -38,14 +39,17 @@ class VideoReader {
  public:
   // Opens the video of the camera, positioned before frame `first`. Decodes the preceding frames,
   // or, if they are many, only those from a key frame on where this is certain to be exact. Keeps
-  // a reference to `camera`.
+  // a reference to `camera`. Errors of `decoding` as in VideoDecoder::open().
   static Result<std::unique_ptr<VideoReader>> open(const CaptureFolder& files,
-                                                   const SourceCamera& camera, int first);
+                                                   const SourceCamera& camera, int first,
+                                                   const VideoDecoding& decoding = {});
   virtual ~VideoReader() = default;
   // Decodes the next frame to 8-bit BGR. kInvalidFile at the end of the video, if the size is not
   // width x height, or if the file repeats stored frames: they had more than twice its bytes and
   // 16 MiB so far.
   virtual Result<cv::Mat> next(int width, int height) = 0;
+  // Returns how the latest frame was decoded.
+  virtual DecodedBy decoded_by() const = 0;
 };
 
 }  // namespace stgs::encoder

@@ -74,6 +74,9 @@ class Rig final : public LivePreparer {
   }
 
   Status choose_backend(const LogSink& log) {
+    if (source_.files) {
+      STGS_ASSIGN(decoding_, choose_video_decoding(settings_, log));
+    }
     STGS_ASSIGN(sweeper_,
                 geometry::make_hull_sweeper(settings_.backend, settings_.share.index, log));
     STGS_ASSIGN(velocity_matcher_,
@@ -104,7 +107,7 @@ class Rig final : public LivePreparer {
     };
     try {
       return read_live_source(*source_.files, source_.cameras[camera], clock_, convert_and_push,
-                              stopped, settings_.allow_outside, log);
+                              {stopped, settings_.allow_outside, decoding_, log});
     } catch (const std::exception& error) {
       return runtime_error("camera '{}': {}", cameras_[camera].name, error.what());
     }
@@ -257,6 +260,7 @@ class Rig final : public LivePreparer {
   std::vector<std::unique_ptr<Mapped>> mapped_;  // per camera; null: no frame yet
   double fps_ = 0;
   LiveClock clock_;
+  VideoDecoding decoding_;
   std::once_flag started_;
   std::shared_ptr<init::LiveBackgrounds> backgrounds_;
   // Null: on the CPU.

@@ -31,6 +31,10 @@ constexpr int kLiveImageFlags = cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION
 
 using Stopped = std::function<bool()>;
 
+std::string label_of(const SourceCamera& camera) {
+  return fmt::format("camera '{}'", camera.name);
+}
+
 void sleep_seconds(double seconds) {
   std::this_thread::sleep_for(std::chrono::duration<double>(seconds));
 }
@@ -45,12 +49,21 @@ bool wait_until(const LiveClock& clock, double seconds, const Stopped& stopped) 
   return false;
 }
 
+void log_decoder(const std::string& label, const DecodedBy& by, const LogSink& log) {
+  if (by.gpu)
+    log(2, fmt::format("{}: decoded by cuda (NVDEC)", label));
+  else if (!by.refusal.empty())
+    log(2, fmt::format("{}: decoded by the CPU ({})", label, by.refusal));
+}
+
 Status play_video(const CaptureFolder& files, const SourceCamera& camera, const LiveClock& clock,
-                  const SourceFrameSink& sink, const Stopped& stopped) {
+                  const SourceFrameSink& sink, const LiveReading& reading) {
+  const Stopped& stopped = reading.stopped;
   STGS_ASSIGN(const FrameInfo info, probe_frames(files, camera));
-  STGS_ASSIGN(const auto video, VideoReader::open(files, camera, 0));
+  STGS_ASSIGN(const auto video, VideoReader::open(files, camera, 0, reading.decoding));
   for (int frame = 0; frame < info.frames && !stopped(); ++frame) {
     STGS_ASSIGN(const cv::Mat image, video->next(info.width, info.height));
+    if (frame == 0) log_decoder(label_of(camera), video->decoded_by(), reading.log);
     const double seconds = frame / clock.fps();
     if (!wait_until(clock, seconds, stopped)) break;
     STGS_TRY(sink(seconds, image));
@@ -179,11 +192,11 @@ class GrowingFolder {
   double observed_at_ = 0;
 };
 
-Status follow_images(const std::string& folder, bool allow_outside, const SourceCamera& camera,
-                     LiveClock& clock, const SourceFrameSink& sink, const Stopped& stopped,
-                     const LogSink& log) {
-  STGS_ASSIGN(const auto files, CaptureFolder::open(folder, allow_outside));
-  GrowingFolder images(folder, allow_outside, clock);
+Status follow_images(const std::string& folder, const SourceCamera& camera, LiveClock& clock,
+                     const SourceFrameSink& sink, const LiveReading& reading) {
+  const Stopped& stopped = reading.stopped;
+  STGS_ASSIGN(const auto files, CaptureFolder::open(folder, reading.allow_outside));
+  GrowingFolder images(folder, reading.allow_outside, clock);
   STGS_TRY(images.open());
   std::optional<double> arrived;  // the latest image
   for (std::int64_t position = 0; !stopped();) {
@@ -200,11 +213,12 @@ Status follow_images(const std::string& folder, bool allow_outside, const Source
     if (decoded.ok())
       STGS_TRY(sink(seconds, *decoded));
     else
-      log(1, "image skipped: " + decoded.status().message());
+      reading.log(1, "image skipped: " + decoded.status().message());
     arrived = clock.now();
   }
   if (!stopped())
-    log(2, fmt::format("camera '{}': no image for {:.0f} s; ended", camera.name, kFolderSilence));
+    reading.log(2,
+                fmt::format("{}: no image for {:.0f} s; ended", label_of(camera), kFolderSilence));
   return {};
 }
 
@@ -234,18 +248,18 @@ class StreamClock {
 
 // Reads a stream until it breaks off. Sets `received` with its first frame.
 Status follow_stream(const std::string& url, const std::string& label, const LiveClock& clock,
-                     const SourceFrameSink& sink, const Stopped& stopped, const LogSink& log,
-                     bool& received) {
-  STGS_ASSIGN(const auto decoder, VideoDecoder::open_stream(url, label, stopped));
+                     const SourceFrameSink& sink, const LiveReading& reading, bool& received) {
+  STGS_ASSIGN(const auto decoder,
+              VideoDecoder::open_stream(url, label, reading.stopped, reading.decoding));
   StreamClock stream;
-  while (!stopped()) {
+  while (!reading.stopped()) {
     STGS_ASSIGN(const bool has_frame, decoder->advance());
     if (!has_frame) return {};
     STGS_ASSIGN(const cv::Mat image, decoder->image());
     const double seconds = stream.seconds(decoder->seconds(), clock.now());
     if (stream.jumped())
-      log(1,
-          fmt::format("{}: the timestamps of its stream jumped; realigned by arrival time", label));
+      reading.log(1, label + ": the timestamps of its stream jumped; realigned by arrival time");
+    if (!received) log_decoder(label, decoder->decoded_by(), reading.log);
     received = true;
     STGS_TRY(sink(seconds, image));
   }
@@ -254,9 +268,10 @@ Status follow_stream(const std::string& url, const std::string& label, const Liv
 
 // Opens a lost stream again until `stopped` returns true. A pipe is opened once.
 Status read_stream(const std::string& url, bool is_pipe, const SourceCamera& camera,
-                   const LiveClock& clock, const SourceFrameSink& sink, const Stopped& stopped,
-                   const LogSink& log) {
-  const std::string label = fmt::format("camera '{}'", camera.name);
+                   const LiveClock& clock, const SourceFrameSink& sink,
+                   const LiveReading& reading) {
+  const std::string label = label_of(camera);
+  const auto& [stopped, allow_outside, decoding, log] = reading;
   bool reported = false;
   while (!stopped()) {
     bool received = false;
@@ -264,9 +279,10 @@ Status read_stream(const std::string& url, bool is_pipe, const SourceCamera& cam
     const auto checked = [&](double seconds, const cv::Mat& image) {
       return status = sink(seconds, image);
     };
-    const Status read = follow_stream(url, label, clock, checked, stopped, log, received);
+    const Status read = follow_stream(url, label, clock, checked, reading, received);
     if (stopped()) break;
     if (!status.ok()) return status;
+    if (read.code() == StatusCode::kUnsupported && decoding.required) return read;
     if (is_pipe) {
       log(2, fmt::format("{}: the pipe has ended", label));
       return read;
@@ -338,23 +354,22 @@ Status check_live_source(const CaptureFolder& files, const SourceCamera& camera,
 }
 
 Status read_live_source(const CaptureFolder& files, const SourceCamera& camera, LiveClock& clock,
-                        const SourceFrameSink& sink, const std::function<bool()>& stopped,
-                        bool allow_outside, const LogSink& log) {
-  STGS_ASSIGN(const auto found, kind_of(files, camera, allow_outside));
+                        const SourceFrameSink& sink, const LiveReading& reading) {
+  STGS_ASSIGN(const auto found, kind_of(files, camera, reading.allow_outside));
   const auto& [kind, path] = found;
   switch (kind) {
     case SourceKind::kRecorded:
-      return play_images(files, camera, clock, sink, stopped);
+      return play_images(files, camera, clock, sink, reading.stopped);
     case SourceKind::kVideo: {
       SourceCamera video = camera;
       video.video = path;
-      return play_video(files, video, clock, sink, stopped);
+      return play_video(files, video, clock, sink, reading);
     }
     case SourceKind::kFolder:
-      return follow_images(path, allow_outside, camera, clock, sink, stopped, log);
+      return follow_images(path, camera, clock, sink, reading);
     case SourceKind::kPipe:
     case SourceKind::kStream:
-      return read_stream(path, kind == SourceKind::kPipe, camera, clock, sink, stopped, log);
+      return read_stream(path, kind == SourceKind::kPipe, camera, clock, sink, reading);
   }
   return {};
 }

@@ -12,6 +12,7 @@
 #include <utility>
 
 #include "source_capture.h"
+#include "video_device.h"
 
 namespace stgs::encoder {
 
@@ -40,7 +41,15 @@ class LiveClock {
 // ends the source.
 using SourceFrameSink = std::function<Status(double seconds, const cv::Mat& bgr)>;
 
-// Reads a camera until its source ends or `stopped` returns true:
+// How a source is read.
+struct LiveReading {
+  std::function<bool()> stopped;  // asked often; true ends the source
+  bool allow_outside = false;     // paths of `live_source` may leave the folder of the rig
+  VideoDecoding decoding;         // of videos and streams
+  LogSink log;
+};
+
+// Reads a camera until its source ends or reading.stopped returns true:
 // - a video, or the images of a recorded capture, at the rate of the rig: frame n at n / fps;
 // - a growing folder of images (`live_source`): every image that appears after the start, once it
 // is
@@ -50,11 +59,10 @@ using SourceFrameSink = std::function<Status(double seconds, const cv::Mat& bgr)
 // - a stream or a named pipe (`live_source`), by its own timestamps, aligned by the frames that
 //   arrive with the least delay, and realigned after a jump of more than kMaxDrift seconds. A lost
 //   stream is opened again every second; a pipe ends with its writer.
-// Paths of `live_source` may leave the folder of the rig only with `allow_outside`. Logs the end of
-// a source. Errors: kIo and kInvalidFile for a source that cannot be read, and those of the sink.
+// Logs what decodes the source, and its end. Errors: kIo and kInvalidFile for a source that cannot
+// be read, kUnsupported for one that the required device cannot decode, and those of the sink.
 Status read_live_source(const CaptureFolder& files, const SourceCamera& camera, LiveClock& clock,
-                        const SourceFrameSink& sink, const std::function<bool()>& stopped,
-                        bool allow_outside, const LogSink& log);
+                        const SourceFrameSink& sink, const LiveReading& reading);
 
 // Checks the source of a camera before it is read: its kind, its existence, and that it does not
 // leave the folder of the rig. kUsage for a URL of another scheme than kStreamSchemes.

@@ -70,9 +70,10 @@ Status check(const PrepareSettings& settings) {
   return {};
 }
 
-// Also reports an unavailable backend, even if the rig turns out to need no stereo.
+// Also reports an unavailable backend or video decoder, even if the capture turns out to need none.
 Status check_all(const PrepareSettings& settings) {
   STGS_TRY(check(settings));
+  if (settings.video_decoder == "cuda") STGS_TRY(choose_video_decoding(settings, {}).status());
   return settings.backend == "auto"
              ? Status()
              : geometry::make_matcher(settings.backend, settings.share.index, {}).status();
@@ -215,7 +216,7 @@ class Preparer final : public WindowPreparer {
       window.memory = std::make_shared<FrameMemory>();
       window.memory_only = !files;
     }
-    STGS_TRY(write_frames(source_, plans_, window, videos_, progress));
+    STGS_TRY(write_all_frames(window, index, progress, log));
     InitSettings init = init_settings(capture_, source_, settings_);
     init.write_report = files;
     if (index == 0) {
@@ -233,6 +234,22 @@ class Preparer final : public WindowPreparer {
   }
 
  private:
+  Status write_all_frames(const PreparedCapture& window, std::size_t index,
+                          const ProgressSink& progress, const LogSink& log) {
+    const bool is_first = videos_.videos.empty();
+    const bool has_videos =
+        std::any_of(source_.cameras.begin(), source_.cameras.end(),
+                    [](const SourceCamera& camera) { return !camera.video.empty(); });
+    if (is_first && has_videos) {
+      STGS_ASSIGN(videos_.decoding, choose_video_decoding(settings_, log));
+    }
+    STGS_TRY(write_frames(source_, plans_, window, videos_, progress));
+    if (is_first) log_decoders(source_, videos_, log);
+    // Decoders hold memory of the GPU.
+    if (index + 1 == windows_.size()) videos_ = {};
+    return {};
+  }
+
   // Reads the findings in the first window, or analyses it again in a new folder, which it removes.
   Status find_findings(const std::string& folder, bool files, const ProgressSink& progress,
                        const LogSink& log) {

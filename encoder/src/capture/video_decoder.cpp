@@ -9,50 +9,26 @@
 
 #include "decode_start.h"
 #include "frame_converter.h"
-#include "pipe_input.h"
+#include "hardware_session.h"
 #include "stgs/encoder/image_file.h"
+#include "video_input.h"
 #include "video_rotation.h"
 
 extern "C" {
-#include <libavcodec/avcodec.h>
-#include <libavformat/avformat.h>
+#include <libavutil/hwcontext.h>
 #include <libavutil/mem.h>
 }
 
 namespace stgs::encoder {
 namespace {
 
-// While FFmpeg opens a file, it decodes frames of these codecs only, to learn their format. Frames
-// of others, such as PNG and JPEG, are checked before they are decoded.
-constexpr const char* kProbedCodecs =
-    "h264,hevc,av1,libdav1d,libaom-av1,vp8,vp9,mpeg4,mpeg2video,prores,dnxhd,cfhd,ffv1,rawvideo,"
-    "aac,mp3,ac3,opus,vorbis,pcm_s16le,pcm_s16be,pcm_s24le";
-
-// The protocols of streams: no file, so that a server cannot name one.
-constexpr const char* kStreamProtocols = "udp,rtp,rtsp,tcp,http,https,tls";
-constexpr const char* kStreamFormats =
-    "mpegts,rtsp,rtp,matroska,webm,mov,mp4,mjpeg,mpjpeg,yuv4mpegpipe,h264,hevc";
-constexpr const char* kStreamCodecs =
-    "h264,hevc,av1,libdav1d,vp8,vp9,mpeg4,mpeg2video,mjpeg,rawvideo,aac,mp3,ac3,"
-    "opus";
-constexpr const char* kAnalysedMicroseconds = "300000";  // of a stream, to learn its format
-constexpr const char* kSilenceMicroseconds = "5000000";  // after which a connection is given up
-constexpr int kMaxDamaged = 250;                         // packets in a row that a stream may lose
+constexpr int kMaxDamaged = 250;  // packets in a row that a stream may lose
 constexpr std::size_t kMaxPacketBytes = std::size_t{64} << 20;
-
-template <typename T, void (*kFree)(T**)>
-struct Freed {
-  void operator()(T* object) const { kFree(&object); }
-};
-using Format = std::unique_ptr<AVFormatContext, Freed<AVFormatContext, avformat_close_input>>;
-using Codec = std::unique_ptr<AVCodecContext, Freed<AVCodecContext, avcodec_free_context>>;
-using Packet = std::unique_ptr<AVPacket, Freed<AVPacket, av_packet_free>>;
-using Frame = std::unique_ptr<AVFrame, Freed<AVFrame, av_frame_free>>;
 
 class FfmpegDecoder final : public VideoDecoder {
  public:
-  FfmpegDecoder(const std::string& label, CheckStored check)
-      : label_(label), check_(std::move(check)) {}
+  FfmpegDecoder(const std::string& label, CheckStored check, VideoDecoding decoding)
+      : label_(label), check_(std::move(check)), hardware_(std::move(decoding)) {}
 
   // `stopped`: of a stream; empty for a file.
   Status open(const std::string& name, std::function<bool()> stopped = {});
@@ -61,11 +37,12 @@ class FfmpegDecoder final : public VideoDecoder {
   Result<bool> skip_to(int first) override;
   Result<bool> advance() override;
   Result<cv::Mat> image() override;
+  DecodedBy decoded_by() const override;
 
  private:
-  Status open_format(const std::string& name);
-  Status open_stream_format(const std::string& url);
+  Status open_track();
   Status open_codec();
+  Status open_decoder();
   void describe();
   // Returns whether decoding can start with a key frame, and a stored frame is one frame.
   bool has_independent_frames() const;
@@ -79,17 +56,20 @@ class FfmpegDecoder final : public VideoDecoder {
   // Checks packet_ and sends it to the decoder.
   Status send_packet();
   Status check_size() const;
+  // Returns the current frame as BGR, before rotation. Throws cv::Exception.
+  Result<cv::Mat> converted();
   // Adds the file, the frame and a remedy to an error.
   Status explained(const Status& status) const;
 
   std::string label_;
   CheckStored check_;
-  std::function<bool()> stopped_;    // outlives format_, which calls it
-  std::unique_ptr<PipeInput> pipe_;  // outlives format_, which reads it; null: not a pipe
-  Format format_;
-  Codec codec_;
-  Packet packet_;
-  Frame decoded_;
+  std::function<bool()> stopped_;  // outlives format_, which calls it
+  VideoInput format_;
+  HardwareSession hardware_;  // outlives codec_, which calls it
+  ffmpeg::Codec codec_;
+  ffmpeg::Packet packet_;
+  ffmpeg::Frame decoded_;
+  ffmpeg::Frame copied_;  // of a frame in GPU memory
   FrameConverter converter_;
   VideoTrack track_;
   AVStream* stream_ = nullptr;  // of format_
@@ -103,8 +83,8 @@ class FfmpegDecoder final : public VideoDecoder {
 
 Status FfmpegDecoder::open(const std::string& name, std::function<bool()> stopped) {
   stopped_ = std::move(stopped);
-  Status status = stopped_ ? open_stream_format(name) : open_format(name);
-  if (status.ok()) status = open_codec();
+  Status status = stopped_ ? format_.open_stream(name, stopped_) : format_.open_file(name);
+  if (status.ok()) status = open_track();
   if (stopped_ && stopped_()) return runtime_error("{}: stopped", label_);
   if (status.code() == StatusCode::kInvalidFile && !stopped_) {
     return {status.code(), fmt::format("{}: cannot be opened ({}); check that ffmpeg plays it, and "
@@ -115,7 +95,8 @@ Status FfmpegDecoder::open(const std::string& name, std::function<bool()> stoppe
     describe();
     packet_.reset(av_packet_alloc());
     decoded_.reset(av_frame_alloc());
-    if (packet_ == nullptr || decoded_ == nullptr) status = ffmpeg_error(AVERROR(ENOMEM));
+    copied_.reset(av_frame_alloc());
+    if (!packet_ || !decoded_ || !copied_) status = ffmpeg_error(AVERROR(ENOMEM));
   }
   if (status.ok()) return {};
   return {status.code(), fmt::format("{}: cannot be opened ({})", label_, status.message())};
@@ -131,53 +112,8 @@ Status FfmpegDecoder::explained(const Status& status) const {
                                      status.message(), remedy)};
 }
 
-Status FfmpegDecoder::open_format(const std::string& name) {
-  AVDictionary* options = nullptr;
-  av_dict_set(&options, "protocol_whitelist", "file", 0);
-  av_dict_set(&options, "format_whitelist", "mov,mp4,matroska,webm,avi", 0);
-  av_dict_set(&options, "codec_whitelist", kProbedCodecs, 0);
-  av_dict_set(&options, "ignore_chapters", "1", 0);
-  AVFormatContext* opened = nullptr;
-  int error = avformat_open_input(&opened, name.c_str(), nullptr, &options);
-  av_dict_free(&options);
-  if (error < 0) return ffmpeg_error(error);
-  format_.reset(opened);
-  error = avformat_find_stream_info(opened, nullptr);
-  return error < 0 ? ffmpeg_error(error) : Status();
-}
-
-Status FfmpegDecoder::open_stream_format(const std::string& url) {
-  AVFormatContext* opened = avformat_alloc_context();
-  if (opened == nullptr) return ffmpeg_error(AVERROR(ENOMEM));
-  opened->interrupt_callback = {
-      [](void* stopped) { return (*static_cast<std::function<bool()>*>(stopped))() ? 1 : 0; },
-      &stopped_};
-  AVDictionary* options = nullptr;
-  av_dict_set(&options, "protocol_whitelist", kStreamProtocols, 0);
-  av_dict_set(&options, "format_whitelist", kStreamFormats, 0);
-  av_dict_set(&options, "codec_whitelist", kStreamCodecs, 0);
-  av_dict_set(&options, "analyzeduration", kAnalysedMicroseconds, 0);
-  av_dict_set(&options, "rtsp_flags", "prefer_tcp", 0);
-  if (url.find("://") == std::string::npos) {
-    Result<std::unique_ptr<PipeInput>> pipe = PipeInput::open(url, stopped_);
-    if (!pipe.ok()) {
-      avformat_free_context(opened);
-      av_dict_free(&options);
-      return pipe.status();
-    }
-    pipe_ = std::move(*pipe);
-    opened->pb = pipe_->context();
-  } else {
-    av_dict_set(&options, "rw_timeout", kSilenceMicroseconds, 0);
-    av_dict_set(&options, "overrun_nonfatal", "1", 0);
-    if (url.starts_with("rtsp:")) av_dict_set(&options, "timeout", kSilenceMicroseconds, 0);
-  }
-  int error = avformat_open_input(&opened, pipe_ ? nullptr : url.c_str(), nullptr, &options);
-  av_dict_free(&options);
-  if (error < 0) return ffmpeg_error(error);  // which has freed the context
-  format_.reset(opened);
-  error = avformat_find_stream_info(opened, nullptr);
-  return error < 0 ? ffmpeg_error(error) : Status();
+DecodedBy FfmpegDecoder::decoded_by() const {
+  return {decoded_->format == AV_PIX_FMT_CUDA, hardware_.refusal()};
 }
 
 double FfmpegDecoder::seconds() const {
@@ -186,7 +122,7 @@ double FfmpegDecoder::seconds() const {
                                 : static_cast<double>(time) * av_q2d(stream_->time_base);
 }
 
-Status FfmpegDecoder::open_codec() {
+Status FfmpegDecoder::open_track() {
   // The first video track. Others are previews or further lenses.
   for (unsigned i = 0; i < format_->nb_streams; ++i) {
     AVStream* const stream = format_->streams[i];
@@ -197,15 +133,28 @@ Status FfmpegDecoder::open_codec() {
   }
   if (stream_ == nullptr) return {StatusCode::kInvalidFile, "it has no video track"};
   stream_->discard = AVDISCARD_DEFAULT;
-  const AVCodec* const codec = avcodec_find_decoder(stream_->codecpar->codec_id);
+  return open_codec();
+}
+
+Status FfmpegDecoder::open_codec() {
+  Status status = open_decoder();
+  if (!hardware_.needs_other_decoder()) return status;
+  STGS_TRY(hardware_.check());
+  return open_decoder();
+}
+
+Status FfmpegDecoder::open_decoder() {
+  const AVCodec* const codec = hardware_.find_decoder(stream_->codecpar->codec_id);
   if (codec == nullptr) {
     return unsupported("its codec, {}, is missing from FFmpeg; convert the video to H.264",
                        avcodec_get_name(stream_->codecpar->codec_id));
   }
+  STGS_TRY(hardware_.check());
   codec_.reset(avcodec_alloc_context3(codec));
   if (codec_ == nullptr) return ffmpeg_error(AVERROR(ENOMEM));
   int error = avcodec_parameters_to_context(codec_.get(), stream_->codecpar);
   if (error < 0) return ffmpeg_error(error);
+  STGS_TRY(hardware_.attach(*codec_));
   // The cameras of a rig are decoded in parallel. With threads for frames, too, memory would grow
   // with their product, and an error would be found at a frame that depends on their number.
   codec_->thread_count = 1;
@@ -238,7 +187,12 @@ Status FfmpegDecoder::send_packet() {
   if (stopped_ && (packet_->flags & AV_PKT_FLAG_CORRUPT) != 0) return {};
   STGS_TRY(check_({packet_->data, static_cast<std::size_t>(packet_->size)}));
   if ((packet_->flags & AV_PKT_FLAG_CORRUPT) != 0) return invalid_file("cut short");
-  const int error = avcodec_send_packet(codec_.get(), packet_.get());
+  int error = avcodec_send_packet(codec_.get(), packet_.get());
+  STGS_TRY(hardware_.check());
+  if (error < 0 && hardware_.needs_other_decoder()) {
+    STGS_TRY(open_decoder());
+    error = avcodec_send_packet(codec_.get(), packet_.get());
+  }
   if (error == AVERROR_INVALIDDATA && stopped_ && ++damaged_ < kMaxDamaged) return {};
   return error < 0 ? ffmpeg_error(error) : Status();
 }
@@ -360,10 +314,26 @@ Result<bool> FfmpegDecoder::advance() {
   return true;
 }
 
+Result<cv::Mat> FfmpegDecoder::converted() {
+  if (decoded_->format != AV_PIX_FMT_CUDA)
+    return converter_.convert(*decoded_, static_cast<AVPixelFormat>(decoded_->format));
+  av_frame_unref(copied_.get());
+  int error = av_hwframe_transfer_data(copied_.get(), decoded_.get(), 0);
+  if (error < 0) {
+    return runtime_error("the GPU failed: {}; use --video-decoder cpu",
+                         ffmpeg_error(error).message());
+  }
+  error = av_frame_copy_props(copied_.get(), decoded_.get());
+  // FFmpeg crops only the right and the bottom of frames in GPU memory.
+  if (error >= 0) error = av_frame_apply_cropping(copied_.get(), 0);
+  if (error < 0) return ffmpeg_error(error);
+  return converter_.convert(*copied_, codec_->sw_pix_fmt);
+}
+
 Result<cv::Mat> FfmpegDecoder::image() {
   Result<cv::Mat> image = Status(StatusCode::kNoMemory, "not enough memory");
   try {
-    image = converter_.convert(*decoded_);
+    image = converted();
     if (image.ok() && rotation_ >= 0) cv::rotate(*image, *image, rotation_);
   } catch (const cv::Exception& error) {
     if (error.code != cv::Error::StsNoMem) throw;
@@ -377,20 +347,22 @@ Result<cv::Mat> FfmpegDecoder::image() {
 
 Result<std::unique_ptr<VideoDecoder>> VideoDecoder::open(const std::string& name,
                                                          const std::string& label,
-                                                         CheckStored check) {
-  auto decoder = std::make_unique<FfmpegDecoder>(label, std::move(check));
+                                                         CheckStored check,
+                                                         VideoDecoding decoding) {
+  auto decoder = std::make_unique<FfmpegDecoder>(label, std::move(check), std::move(decoding));
   STGS_TRY(decoder->open(name));
   return std::unique_ptr<VideoDecoder>(std::move(decoder));
 }
 
 Result<std::unique_ptr<VideoDecoder>> VideoDecoder::open_stream(const std::string& url,
                                                                 const std::string& label,
-                                                                std::function<bool()> stopped) {
+                                                                std::function<bool()> stopped,
+                                                                VideoDecoding decoding) {
   const auto check = [](std::span<const std::uint8_t> stored) -> Status {
     if (stored.size() <= kMaxPacketBytes) return {};
     return invalid_file("a frame of {} bytes", stored.size());
   };
-  auto decoder = std::make_unique<FfmpegDecoder>(label, check);
+  auto decoder = std::make_unique<FfmpegDecoder>(label, check, std::move(decoding));
   STGS_TRY(decoder->open(url, std::move(stopped)));
   return std::unique_ptr<VideoDecoder>(std::move(decoder));
 }

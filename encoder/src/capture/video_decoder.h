@@ -12,6 +12,7 @@
 #include <string_view>
 
 #include "stgs/format/status.h"
+#include "video_device.h"
 
 namespace stgs::encoder {
 
@@ -21,6 +22,12 @@ struct VideoTrack {
   int width = 0, height = 0;  // pixels
   double fps = 0;             // 0: not stated
   std::int64_t frames = 0;    // 0: not stated
+};
+
+// How a frame was decoded.
+struct DecodedBy {
+  bool gpu = false;     // by NVDEC; false: by the CPU
+  std::string refusal;  // why NVDEC does not decode the video; "": it does, or was not asked for
 };
 
 // The first video track of an MP4, MOV, Matroska, WebM or AVI file. Reads from front to back, on
@@ -37,15 +44,19 @@ class VideoDecoder {
 
   // Opens the file `name`. FFmpeg uses the protocol `file` and the demuxers above only, and decodes
   // frames only if it needs them to learn the format of common codecs. `label` begins messages.
+  // kUnsupported, here or in advance(), if the device of `decoding` is required but cannot decode
+  // the video. Frames are the same on the CPU and on the device.
   static Result<std::unique_ptr<VideoDecoder>> open(const std::string& name,
-                                                    const std::string& label, CheckStored check);
+                                                    const std::string& label, CheckStored check,
+                                                    VideoDecoding decoding = {});
   // Opens a live stream: a URL of kStreamSchemes, or the path of a named pipe. Formats: MPEG-TS,
   // RTP, Matroska, fragmented MP4, Motion JPEG, YUV4MPEG, and plain H.264 or HEVC. Calls return
   // kRuntime while `stopped` returns true. Damaged frames are skipped. A TCP connection without
   // data for five seconds ends the stream.
   static Result<std::unique_ptr<VideoDecoder>> open_stream(const std::string& url,
                                                            const std::string& label,
-                                                           std::function<bool()> stopped);
+                                                           std::function<bool()> stopped,
+                                                           VideoDecoding decoding = {});
   virtual ~VideoDecoder() = default;
 
   virtual const VideoTrack& track() const = 0;
@@ -66,6 +77,8 @@ class VideoDecoder {
   // columns on, else BT.601, and the range is full for grey frames, else limited. Transfer
   // functions are not converted.
   virtual Result<cv::Mat> image() = 0;
+  // Returns how the current frame was decoded.
+  virtual DecodedBy decoded_by() const = 0;
 };
 
 }  // namespace stgs::encoder

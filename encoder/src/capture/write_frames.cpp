@@ -1,16 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "write_frames.h"
 
+#include <fmt/ranges.h>
+
 #include <algorithm>
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
 #include <filesystem>
+#include <map>
 #include <mutex>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "file_kind.h"
+#include "plural.h"
 #include "reporting.h"
 #include "stgs/encoder/frame_memory.h"
 #include "stgs/encoder/image_file.h"
@@ -174,10 +178,10 @@ Status write_frame(const CameraJob& job, bool copies, int frame, cv::Mat decoded
 }
 
 // Opens the video of a camera before its image that is frame 0.
-Status open_source(const CameraJob& job, SourceVideo& video) {
+Status open_source(const CameraJob& job, const VideoDecoding& decoding, SourceVideo& video) {
   if (video.reader || job.source.video.empty()) return {};
   const int first = job.number_of(0);
-  STGS_ASSIGN(video.reader, VideoReader::open(job.files, job.source, first));
+  STGS_ASSIGN(video.reader, VideoReader::open(job.files, job.source, first, decoding));
   video.next = first;
   return {};
 }
@@ -204,9 +208,10 @@ struct Step {
 
 // Writes all frames of a camera, in batches. A batch of video frames is decoded in order; then all
 // threads undistort, encode and write its frames.
-void write_camera(const CameraJob& job, std::size_t index, SourceVideo& video, Counter& counter,
+void write_camera(const CameraJob& job, std::size_t index, OpenVideos& videos, Counter& counter,
                   FirstError& error) {
-  if (Status opened = open_source(job, video); !opened.ok())
+  SourceVideo& video = videos.videos[index];
+  if (Status opened = open_source(job, videos.decoding, video); !opened.ok())
     return error.set(std::move(opened), index, 0);
   const bool copies = job.copies();
   int next = 0;
@@ -272,10 +277,33 @@ Status write_frames(const SourceCapture& source, const std::vector<CameraPlan>& 
       const FrameMapping mapping(plans[i]);
       const CameraJob job{*source.files, source.cameras[i], plans[i],
                           mapping,       capture,           capture.cameras[i]};
-      write_camera(job, i, videos.videos[i], counter, error);
+      write_camera(job, i, videos, counter, error);
     });
     return error.status();
   }));
+}
+
+void log_decoders(const SourceCapture& source, const OpenVideos& videos, const LogSink& log) {
+  std::size_t on_gpu = 0;
+  std::map<std::string, std::vector<std::string>> on_cpu;  // cameras by reason
+  for (std::size_t i = 0; i < videos.videos.size(); ++i) {
+    if (!videos.videos[i].reader) continue;
+    const DecodedBy by = videos.videos[i].reader->decoded_by();
+    if (by.gpu)
+      ++on_gpu;
+    else
+      on_cpu[by.refusal].push_back(source.cameras[i].name);
+  }
+  if (on_gpu > 0) {
+    log(2, fmt::format("{}: {} decoded by cuda (NVDEC, {})", source.folder, plural(on_gpu, "video"),
+                       videos.decoding.device->name()));
+  }
+  for (const auto& [reason, cameras] : on_cpu) {
+    log(2, fmt::format(
+               "{}: {} decoded by the CPU{}", source.folder, plural(cameras.size(), "video"),
+               reason.empty() ? ""
+                              : fmt::format(" (camera {}: {})", fmt::join(cameras, ", "), reason)));
+  }
 }
 
 }  // namespace stgs::encoder

@@ -32,6 +32,7 @@ struct SourceVideo {
 
 // The videos of a capture while their frames are written range by range, one after the other.
 struct OpenVideos {
+  VideoDecoding decoding;
   std::vector<SourceVideo> videos;  // per camera
   int next_frame = 0;               // of the source
 };
@@ -42,5 +43,8 @@ struct OpenVideos {
 Status write_frames(const SourceCapture& source, const std::vector<CameraPlan>& plans,
                     const PreparedCapture& capture, OpenVideos& videos,
                     const ProgressSink& progress);
+
+// Logs what decodes the videos that write_frames() has read, and why.
+void log_decoders(const SourceCapture& source, const OpenVideos& videos, const LogSink& log);
 
 }  // namespace stgs::encoder

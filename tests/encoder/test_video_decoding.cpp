@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: Apache-2.0
+// The choice between the CPU and the video decoder of a GPU, on machines without one.
+#include <filesystem>
+
+#include "capture_fixture.h"
+#include "catch.h"
+#include "src/capture/video_decoder.h"
+#include "src/capture/write_frames.h"
+
+namespace stgs::encoder::capture_test {
+namespace {
+
+PrepareSettings settings_of(const std::string& video_decoder, const std::string& backend) {
+  PrepareSettings settings;
+  settings.video_decoder = video_decoder;
+  settings.backend = backend;
+  return settings;
+}
+
+bool has_gpu() {
+  return fs::exists("/dev/nvidiactl");
+}
+
+}  // namespace
+
+TEST_CASE("the CPU decodes videos if it is chosen, also as the backend") {
+  for (const auto& settings :
+       {settings_of("cpu", "auto"), settings_of("cpu", "cuda"), settings_of("auto", "cpu")}) {
+    std::vector<std::string> lines;
+    const auto chosen = choose_video_decoding(
+        settings, [&](int, const std::string& line) { lines.push_back(line); });
+    REQUIRE(chosen.ok());
+    CHECK(chosen->device == nullptr);
+    CHECK(!chosen->required);
+    CHECK(lines.empty());
+  }
+}
+
+TEST_CASE("an unknown video decoder is a usage error") {
+  const Status status = choose_video_decoding(settings_of("vulkan", "auto"), {}).status();
+  CHECK(status.code() == StatusCode::kUsage);
+  CHECK(fails_with(status, {"vulkan", "auto, cpu or cuda"}));
+}
+
+TEST_CASE("without a GPU, the CPU decodes videos, and the log states why") {
+  if (has_gpu()) return;
+  std::vector<std::string> lines;
+  const auto chosen = choose_video_decoding(
+      settings_of("auto", "auto"), [&](int, const std::string& line) { lines.push_back(line); });
+  REQUIRE(chosen.ok());
+  CHECK(chosen->device == nullptr);
+  REQUIRE(lines.size() == 1);
+  CHECK(lines[0].find("NVDEC unavailable (") == 0);
+  CHECK(lines[0].find("videos on the CPU") != std::string::npos);
+}
+
+TEST_CASE("without a GPU, a required video decoder is an error before any work") {
+  if (has_gpu()) return;
+  const TemporaryFolder folder;
+  const Status status =
+      prepare(folder / "none", folder / "out", settings_of("cuda", "cpu"), {}, {});
+  CHECK((status.code() == StatusCode::kUnsupported || status.code() == StatusCode::kNotBuilt));
+  CHECK(fails_with(status, {"use --video-decoder cpu"}));
+}
+
+TEST_CASE("the log states what decodes the videos of a capture") {
+  SourceCapture source;
+  source.folder = "rig";
+  OpenVideos videos;
+  class Reader final : public VideoReader {
+   public:
+    explicit Reader(std::string refusal) : by_{false, std::move(refusal)} {}
+    Result<cv::Mat> next(int, int) override { return cv::Mat(); }
+    DecodedBy decoded_by() const override { return by_; }
+
+   private:
+    DecodedBy by_;
+  };
+  for (const char* refusal : {"", "no", "no"}) {
+    const std::string name(1, static_cast<char>('a' + source.cameras.size()));
+    source.cameras.emplace_back().name = name;
+    videos.videos.emplace_back().reader = std::make_unique<Reader>(refusal);
+  }
+  source.cameras.emplace_back();  // of images
+  videos.videos.emplace_back();
+  std::vector<std::string> lines;
+  log_decoders(source, videos, [&](int, const std::string& line) { lines.push_back(line); });
+  CHECK(lines == std::vector<std::string>{"rig: 1 video decoded by the CPU",
+                                          "rig: 2 videos decoded by the CPU (camera b, c: no)"});
+}
+
+}  // namespace stgs::encoder::capture_test

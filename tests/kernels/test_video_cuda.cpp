@@ -1,0 +1,297 @@
+// SPDX-License-Identifier: Apache-2.0
+// Compares videos that NVDEC decodes with the CPU. Exit code 77: no device.
+#include <sys/stat.h>
+
+#include <fstream>
+#include <iterator>
+#include <thread>
+
+#include "capture/video_decoder.h"
+#include "catch.h"
+#include "catch_runner.h"
+#include "fixtures/temporary_folder.h"
+#include "fixtures/video_writer.h"
+
+using namespace stgs;
+using namespace stgs::encoder;
+using namespace stgs::testing;
+
+namespace {
+
+constexpr int kSide = 64;  // of the smallest videos, which NVDEC decodes by no codec but H.264
+
+VideoDecoding on_gpu(bool required = false) {
+  const auto device = VideoDevice::open(0);
+  INFO(device.status().message());
+  REQUIRE(device.ok());
+  return {*device, required};
+}
+
+struct Decoded {
+  std::vector<cv::Mat> images;
+  std::vector<double> seconds;
+  Status status;  // of the end
+  DecodedBy by;
+};
+
+Result<std::unique_ptr<VideoDecoder>> opened(const std::string& path,
+                                             const VideoDecoding& decoding) {
+  return VideoDecoder::open(
+      path, path, [](auto) { return Status(); }, decoding);
+}
+
+// Decodes the rest of a video.
+Decoded rest_of(VideoDecoder& decoder) {
+  Decoded out;
+  while (true) {
+    const Result<bool> advanced = decoder.advance();
+    if (!advanced.ok() || !*advanced) {
+      out.status = advanced.status();
+      return out;
+    }
+    out.by = decoder.decoded_by();
+    out.seconds.push_back(decoder.seconds());
+    const Result<cv::Mat> image = decoder.image();
+    INFO(image.status().message());
+    REQUIRE(image.ok());
+    out.images.push_back(image->clone());
+  }
+}
+
+Decoded decoded(const std::string& path, const VideoDecoding& decoding) {
+  const auto decoder = opened(path, decoding);
+  if (decoder.ok()) return rest_of(**decoder);
+  Decoded out;
+  out.status = decoder.status();
+  return out;
+}
+
+void check_same(const Decoded& found, const Decoded& expected) {
+  CHECK(found.status.code() == expected.status.code());
+  REQUIRE(found.images.size() == expected.images.size());
+  CHECK(found.seconds == expected.seconds);
+  int different = 0;
+  for (std::size_t f = 0; f < found.images.size(); ++f) {
+    REQUIRE(found.images[f].size() == expected.images[f].size());
+    different += cv::norm(found.images[f], expected.images[f], cv::NORM_INF) == 0 ? 0 : 1;
+  }
+  CHECK(different == 0);
+}
+
+struct Case {
+  const char* name;
+  VideoSpec spec;
+};
+
+const Case kDecoded[] = {
+    {"plain.mp4", {}},
+    {"small.mp4", {.width = kSide, .height = kSide - 16}},
+    {"b_frames.mkv", {.options = "bf=3:g=12:refs=4:x264-params=b-adapt=0"}},
+    {"open_gop.mp4", {.options = "g=10:bf=2:x264-params=open-gop=1"}},
+    {"full.mp4", {.full_range = true}},
+    {"jpeg_range.mp4", {.format = "yuvj420p"}},
+    {"fields.mp4", {.height = 192, .options = "flags=+ildct+ilme:x264-params=interlaced=1"}},
+    {"cropped.mp4", {.height = 182}},
+    {"left.mp4", {.filter = "h264_metadata=crop_left=32:crop_top=8"}},
+    {"turned.mp4", {.rotation = 90}},
+    {"hevc.mp4", {.encoder = "libx265", .options = "x265-params=log-level=none"}},
+    {"hevc10.mp4",
+     {.encoder = "libx265", .format = "yuv420p10le", .options = "x265-params=log-level=none"}},
+    {"vp9.webm", {.encoder = "libvpx-vp9", .options = "deadline=realtime:cpu-used=8"}},
+    {"odd.webm",
+     {.encoder = "libvpx-vp9",
+      .width = 321,
+      .height = 181,
+      .options = "deadline=realtime:cpu-used=8"}},
+    {"vp9_10.webm",
+     {.encoder = "libvpx-vp9",
+      .format = "yuv420p10le",
+      .options = "profile=2:deadline=realtime:cpu-used=8"}},
+    {"av1.mkv", {.encoder = "libaom-av1", .frames = 20, .options = "usage=realtime:cpu-used=8"}},
+    {"av1_10.mkv",
+     {.encoder = "libaom-av1",
+      .format = "yuv420p10le",
+      .frames = 20,
+      .options = "usage=realtime:cpu-used=8"}},
+};
+
+const Case kRefused[] = {
+    {"422.mp4", {.format = "yuv422p"}},
+    {"444.mp4", {.format = "yuv444p"}},
+    {"grey.mp4", {.format = "gray"}},
+    {"ten.mp4", {.format = "yuv420p10le"}},
+    {"part2.mp4", {.encoder = "mpeg4"}},
+    {"all.avi", {.encoder = "mjpeg", .format = "yuvj420p"}},
+    {"tiny.mp4", {.width = 32, .height = 16}},
+    {"av1_444.mkv",
+     {.encoder = "libaom-av1",
+      .format = "yuv444p",
+      .frames = 5,
+      .options = "usage=realtime:cpu-used=8"}},
+};
+
+// Returns false if this build of FFmpeg cannot encode the video.
+bool write_case(const std::string& path, const VideoSpec& spec) {
+  if (has_encoder(spec.encoder)) {
+    write_video(path, spec);
+    return true;
+  }
+  WARN("no encoder " << spec.encoder);
+  return false;
+}
+
+std::string bytes_of(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+void write_bytes(const std::string& path, const std::string& bytes) {
+  std::ofstream(path, std::ios::binary) << bytes;
+}
+
+}  // namespace
+
+TEST_CASE("NVDEC decodes the frames of the CPU") {
+  const TemporaryFolder folder;
+  const VideoDecoding gpu = on_gpu(true);
+  for (const Case& video : kDecoded) {
+    const std::string path = folder / video.name;
+    INFO(video.name);
+    if (!write_case(path, video.spec)) continue;
+    const Decoded found = decoded(path, gpu), expected = decoded(path, {});
+    INFO(found.status.message());
+    CHECK(found.by.gpu);
+    CHECK(!expected.by.gpu);
+    CHECK(int(expected.images.size()) == video.spec.frames);
+    check_same(found, expected);
+  }
+}
+
+TEST_CASE("videos that NVDEC does not decode are decoded by the CPU, or refused") {
+  const TemporaryFolder folder;
+  for (const Case& video : kRefused) {
+    const std::string path = folder / video.name;
+    INFO(video.name);
+    if (!write_case(path, video.spec)) continue;
+    const Decoded found = decoded(path, on_gpu());
+    INFO(found.by.refusal);
+    CHECK(!found.by.gpu);
+    CHECK(!found.by.refusal.empty());
+    check_same(found, decoded(path, {}));
+    const Status refused = decoded(path, on_gpu(true)).status;
+    INFO(refused.message());
+    CHECK(refused.code() == StatusCode::kUnsupported);
+    CHECK(refused.message().find("use --video-decoder auto") != std::string::npos);
+  }
+}
+
+TEST_CASE("decoders of more than a quarter of the free GPU memory are refused") {
+  const TemporaryFolder folder;
+  const std::string path = folder / "a.mp4";
+  write_video(path, {.frames = 3});
+  const VideoDecoding gpu = on_gpu();
+  for (std::size_t bytes = std::size_t{1} << 40; bytes > 1000; bytes /= 2)
+    while (gpu.device->reserve(bytes)) continue;
+  const Decoded found = decoded(path, gpu);
+  CHECK(!found.by.gpu);
+  CHECK(found.by.refusal.find("a quarter of the free GPU memory") != std::string::npos);
+  check_same(found, decoded(path, {}));
+}
+
+TEST_CASE("NVDEC starts with a late frame as the CPU does") {
+  const TemporaryFolder folder;
+  const std::string path = folder / "a.mp4";
+  write_video(path, {.frames = 300, .options = "g=50:bf=3:x264-params=open-gop=0"});
+  for (const int first : {257, 270, 299}) {
+    INFO(first);
+    std::vector<Decoded> found;
+    for (const VideoDecoding& decoding : {on_gpu(true), VideoDecoding()}) {
+      const auto decoder = opened(path, decoding);
+      REQUIRE(decoder.ok());
+      const Result<bool> skipped = (*decoder)->skip_to(first);
+      REQUIRE(skipped.ok());
+      CHECK(*skipped);
+      found.push_back(rest_of(**decoder));
+    }
+    CHECK(int(found[0].images.size()) == 300 - first);
+    check_same(found[0], found[1]);
+  }
+}
+
+TEST_CASE("a video that is cut short ends at the same frame with the same error") {
+  const TemporaryFolder folder;
+  for (const Case& video :
+       {Case{"a.mkv", {}},
+        Case{"b.mkv", {.encoder = "libx265", .options = "x265-params=log-level=none"}},
+        Case{"c.mkv", {.encoder = "libvpx-vp9", .options = "deadline=realtime"}}}) {
+    const std::string path = folder / video.name;
+    INFO(video.name);
+    if (!write_case(path, video.spec)) continue;
+    const std::string all = bytes_of(path);
+    for (const double share : {0.3, 0.6, 0.9}) {
+      write_bytes(path, all.substr(0, static_cast<std::size_t>(share * double(all.size()))));
+      check_same(decoded(path, on_gpu(true)), decoded(path, {}));
+    }
+  }
+}
+
+TEST_CASE("NVDEC survives damage inside of frames") {
+  const TemporaryFolder folder;
+  for (const Case& video :
+       {Case{"a.mkv", {}},
+        Case{"b.mkv", {.encoder = "libx265", .options = "x265-params=log-level=none"}},
+        Case{"c.mkv", {.encoder = "libvpx-vp9", .options = "deadline=realtime"}},
+        Case{"d.mkv",
+             {.encoder = "libaom-av1", .frames = 20, .options = "usage=realtime:cpu-used=8"}}}) {
+    const std::string path = folder / video.name;
+    if (!write_case(path, video.spec)) continue;
+    const std::string all = bytes_of(path);
+    for (int k = 1; k < 12; ++k) {
+      INFO(video.name << " " << k);
+      std::string damaged = all;
+      for (int i = 0; i < 40; ++i)
+        damaged[all.size() * std::size_t(k) / 12 + std::size_t(i)] ^= 0x5a;
+      write_bytes(path, damaged);
+      const Decoded found = decoded(path, on_gpu(true)), expected = decoded(path, {});
+      INFO("CPU: " << expected.images.size() << " " << expected.status.message());
+      INFO("GPU: " << found.images.size() << " " << found.status.message());
+      const StatusCode code = found.status.code();
+      CHECK((code == StatusCode::kOk || code == StatusCode::kInvalidFile));
+      if (expected.status.ok()) CHECK(found.images.size() == expected.images.size());
+    }
+  }
+}
+
+TEST_CASE("NVDEC decodes a stream through a pipe") {
+  const TemporaryFolder folder;
+  const std::string path = folder / "a.ts", pipe = folder / "pipe";
+  write_video(path, {.options = "g=10:bf=0", .filter = "dump_extra"});
+  REQUIRE(::mkfifo(pipe.c_str(), 0600) == 0);
+  const auto stream = [&](const VideoDecoding& decoding) {
+    std::thread writer([&] { write_bytes(pipe, bytes_of(path)); });
+    const auto decoder = VideoDecoder::open_stream(
+        pipe, "camera 'a'", [] { return false; }, decoding);
+    INFO(decoder.status().message());
+    REQUIRE(decoder.ok());
+    Decoded out = rest_of(**decoder);
+    writer.join();
+    return out;
+  };
+  const Decoded found = stream(on_gpu(true)), expected = stream({});
+  CHECK(found.by.gpu);
+  CHECK(found.images.size() >= 30);
+  check_same(found, expected);
+}
+
+TEST_CASE("decoders share a device") {
+  const TemporaryFolder folder;
+  const std::string path = folder / "a.mp4";
+  write_video(path, {.options = "bf=2"});
+  const VideoDecoding gpu = on_gpu(true);
+  const Decoded expected = decoded(path, {});
+  std::vector<Decoded> found(12);
+  std::vector<std::thread> threads;
+  for (Decoded& out : found) threads.emplace_back([&] { out = decoded(path, gpu); });
+  for (std::thread& thread : threads) thread.join();
+  for (const Decoded& one : found) check_same(one, expected);
+}
