@@ -65,7 +65,7 @@ TEST_CASE("undistorted points lie where the pinhole camera projects them") {
                           source.distortion, distorted);
       }
       const cv::Mat image = dot(distorted[0], 320, 240), before = image.clone();
-      const cv::Point2d found = centroid_of(mapping.frame(image));
+      const cv::Point2d found = centroid_of(*mapping.frame(image));
       CHECK(cv::norm(image, before, cv::NORM_INF) == 0);  // the source is unchanged
       CHECK(std::abs(found.x - (camera.fx * x + camera.cx)) < 0.3);
       CHECK(std::abs(found.y - (camera.fy * y + camera.cy)) < 0.3);

@@ -4,6 +4,7 @@
 
 #include "capture_fixture.h"
 #include "catch.h"
+#include "src/capture/h264_parameters.h"
 #include "src/capture/video_decoder.h"
 #include "src/capture/write_frames.h"
 
@@ -70,7 +71,7 @@ TEST_CASE("the log states what decodes the videos of a capture") {
   class Reader final : public VideoReader {
    public:
     explicit Reader(std::string refusal) : by_{false, std::move(refusal)} {}
-    Result<cv::Mat> next(int, int) override { return cv::Mat(); }
+    Result<cv::Mat> next(int, int, const FrameMapping*) override { return cv::Mat(); }
     DecodedBy decoded_by() const override { return by_; }
 
    private:
@@ -87,6 +88,30 @@ TEST_CASE("the log states what decodes the videos of a capture") {
   log_decoders(source, videos, [&](int, const std::string& line) { lines.push_back(line); });
   CHECK(lines == std::vector<std::string>{"rig: 1 video decoded by the CPU",
                                           "rig: 2 videos decoded by the CPU (camera b, c: no)"});
+}
+
+TEST_CASE("H.264 without colour is recognised by its parameters") {
+  using Bytes = std::vector<std::uint8_t>;
+  // A set with the number 0 and a chroma format: 1, or 010 for 4:2:0 and 011 for 4:2:2.
+  constexpr std::uint8_t kGrey = 0xc0, k420 = 0xa0, k422 = 0xb0;
+  const auto set = [](std::uint8_t profile, std::uint8_t format) {
+    return Bytes{0x67, profile, 0, 30, format, 0x12};
+  };
+  const auto after = [](Bytes start, const Bytes& end) {
+    start.insert(start.end(), end.begin(), end.end());
+    return start;
+  };
+  const Bytes container = {1, 100, 0, 30, 0xff, 0xe1, 0, 6};
+  const Bytes stream = {0,    0, 0, 1, 9,
+                        0x10, 0, 0, 0, 1};  // another unit, then the start of the set
+  for (const Bytes& start : {container, stream}) {
+    CHECK(is_grey_h264(after(start, set(100, kGrey))));
+    CHECK(!is_grey_h264(after(start, set(100, k420))));
+    CHECK(!is_grey_h264(after(start, set(122, k422))));
+    CHECK(!is_grey_h264(after(start, set(66, kGrey))));  // a profile that always has colour
+    CHECK(!is_grey_h264(start));
+  }
+  CHECK(!is_grey_h264({}));
 }
 
 }  // namespace stgs::encoder::capture_test

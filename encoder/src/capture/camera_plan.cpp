@@ -131,7 +131,42 @@ FrameMapping::FrameMapping(const CameraPlan& plan) : plan_(plan) {
   }
 }
 
-cv::Mat FrameMapping::frame(const cv::Mat& image) const {
+Result<std::unique_ptr<FrameMapping>> FrameMapping::make(const CameraPlan& plan,
+                                                         geometry::FrameWarper* gpu) {
+  auto mapping = std::make_unique<FrameMapping>(plan);
+  if (gpu == nullptr) return mapping;
+  geometry::WarpCamera camera;
+  camera.source_width = plan.source.width;
+  camera.source_height = plan.source.height;
+  camera.width = plan.camera.width;
+  camera.height = plan.camera.height;
+  if (!mapping->map_x_.empty()) {
+    camera.map_x = mapping->map_x_.ptr<float>();
+    camera.map_y = mapping->map_y_.ptr<float>();
+  }
+  STGS_ASSIGN(mapping->warp_, gpu->make(camera));
+  return mapping;
+}
+
+template <typename Source>
+Result<cv::Mat> FrameMapping::on_gpu(const Source& source) const {
+  cv::Mat out(plan_.camera.height, plan_.camera.width, CV_8UC3);
+  STGS_TRY(warp_->run(source, out.data));
+  return out;
+}
+
+Result<cv::Mat> FrameMapping::frame(const geometry::YuvFrame& frame) const {
+  return on_gpu(frame);
+}
+
+Result<cv::Mat> FrameMapping::frame(const cv::Mat& image) const {
+  if (plan_.is_identity()) return image;
+  if (!warp_) return on_cpu(image);
+  return on_gpu(
+      geometry::PackedImage{image.data, image.cols, image.rows, image.step[0], image.channels()});
+}
+
+cv::Mat FrameMapping::on_cpu(const cv::Mat& image) const {
   const Camera& camera = plan_.camera;
   cv::Mat undistorted, scaled;  // of their own memory: the image may be used again
   if (map_x_.empty())

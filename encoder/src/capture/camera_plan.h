@@ -2,10 +2,12 @@
 // Maps the frames of a source camera to those of an undistorted, scaled pinhole camera.
 #pragma once
 
+#include <memory>
 #include <opencv2/core.hpp>
 #include <vector>
 
 #include "frame_reader.h"
+#include "geometry/frame_warp.h"
 #include "source_capture.h"
 
 namespace stgs::encoder {
@@ -31,15 +33,23 @@ struct CameraPlan {
   }
 };
 
-// Changes the frames of a camera as planned. With lens distortion it has 8 bytes per pixel of a
-// source frame: keep it only while the frames of the camera are written. Thread-safe.
+// Changes the frames of a camera as planned, on the CPU or on a GPU. With lens distortion it has 8
+// bytes per pixel of a source frame, on the GPU too: keep it only while the frames of the camera
+// are written. Thread-safe.
 class FrameMapping {
  public:
-  // `plan` must outlive the object.
+  // `plan` and `gpu` must outlive the object. `gpu`: null for the CPU.
+  static Result<std::unique_ptr<FrameMapping>> make(const CameraPlan& plan,
+                                                    geometry::FrameWarper* gpu);
+  // On the CPU.
   explicit FrameMapping(const CameraPlan& plan);
 
-  // Undistorts and scales an 8-bit source image.
-  cv::Mat frame(const cv::Mat& image) const;
+  bool is_on_gpu() const { return warp_ != nullptr; }
+  // Undistorts and scales an 8-bit source image of 3 or 4 channels. A GPU leaves out the fourth.
+  // kRuntime if the GPU fails.
+  Result<cv::Mat> frame(const cv::Mat& image) const;
+  // The same for a frame of a video, which becomes BGR. Only on a GPU.
+  Result<cv::Mat> frame(const geometry::YuvFrame& frame) const;
   // Undistorts and scales a mask by nearest neighbour. Returns 0 or 255.
   cv::Mat mask(const cv::Mat& mask) const;
   // Source positions of the undistorted pixels, CV_32FC1; empty without distortion.
@@ -47,8 +57,13 @@ class FrameMapping {
   const cv::Mat& map_y() const { return map_y_; }
 
  private:
+  cv::Mat on_cpu(const cv::Mat& image) const;
+  template <typename Source>
+  Result<cv::Mat> on_gpu(const Source& source) const;
+
   const CameraPlan& plan_;
   cv::Mat map_x_, map_y_;
+  std::unique_ptr<geometry::FrameWarp> warp_;  // null: on the CPU
 };
 
 // Plans the undistortion of one camera. The new camera keeps the principal point and the focal

@@ -5,6 +5,8 @@
 #include <cerrno>
 #include <utility>
 
+#include "geometry/warp_tables.h"
+
 extern "C" {
 #include <libavutil/error.h>
 #include <libavutil/opt.h>
@@ -47,11 +49,40 @@ int chroma_position(int shift, int place) {
   return place * ((1 << shift) - 1) * 128;
 }
 
+// The positions for a chroma location, if a sample covers 2^shift pixels along the axis.
+int horizontal_position(AVChromaLocation c, int shift) {
+  const bool is_left =
+      c == AVCHROMA_LOC_LEFT || c == AVCHROMA_LOC_TOPLEFT || c == AVCHROMA_LOC_BOTTOMLEFT;
+  return chroma_position(shift, is_left ? 0 : 1);
+}
+int vertical_position(AVChromaLocation c, int shift) {
+  const bool is_top = c == AVCHROMA_LOC_TOP || c == AVCHROMA_LOC_TOPLEFT;
+  const bool is_bottom = c == AVCHROMA_LOC_BOTTOM || c == AVCHROMA_LOC_BOTTOMLEFT;
+  return chroma_position(shift, is_top ? 0 : is_bottom ? 2 : 1);
+}
+
 bool is_known(AVColorSpace matrix) {
   constexpr AVColorSpace kKnown[] = {
       AVCOL_SPC_RGB,       AVCOL_SPC_BT709,     AVCOL_SPC_FCC,        AVCOL_SPC_BT470BG,
       AVCOL_SPC_SMPTE170M, AVCOL_SPC_SMPTE240M, AVCOL_SPC_BT2020_NCL, AVCOL_SPC_UNSPECIFIED};
   return std::find(std::begin(kKnown), std::end(kKnown), matrix) != std::end(kKnown);
+}
+
+// Returns the coefficients that swscale derives from those of a matrix.
+geometry::YuvCoefficients coefficients_of(const int* matrix, bool full_range) {
+  const auto rounded = [](std::int64_t value) {  // to 13 bits after the point
+    return static_cast<int>(std::clamp<std::int64_t>((value + (1 << 15)) >> 16, -0x7fff, 0x7fff));
+  };
+  const auto chroma = [&](std::int64_t value) {
+    return rounded((full_range ? value * 224 / 255 : value) * (1 << 13));
+  };
+  const std::int64_t one = 1 << 16;
+  return {full_range ? 0 : rounded((16 * one) << 9),
+          rounded((full_range ? one : one * 255 / 219) << 13),
+          chroma(matrix[0]),
+          chroma(-matrix[3]),
+          chroma(-matrix[2]),
+          chroma(matrix[1])};
 }
 
 // Expands 8-bit grey of limited range, which swscale copies.
@@ -106,21 +137,41 @@ Result<FrameConverter::Scaler> FrameConverter::make_scaler(const Form& form) {
   // Without the last three, swscale repeats each chroma value for all of its pixels.
   set("sws_flags", SWS_BICUBIC | SWS_ACCURATE_RND | SWS_FULL_CHR_H_INP | SWS_FULL_CHR_H_INT);
   const AVPixFmtDescriptor* const layout = av_pix_fmt_desc_get(form.pixels);
-  const AVChromaLocation c = form.chroma;
-  const bool is_left =
-      c == AVCHROMA_LOC_LEFT || c == AVCHROMA_LOC_TOPLEFT || c == AVCHROMA_LOC_BOTTOMLEFT;
-  const bool is_top = c == AVCHROMA_LOC_TOP || c == AVCHROMA_LOC_TOPLEFT;
-  const bool is_bottom = c == AVCHROMA_LOC_BOTTOM || c == AVCHROMA_LOC_BOTTOMLEFT;
   if (layout != nullptr && layout->log2_chroma_w > 0)
-    set("src_h_chr_pos", chroma_position(layout->log2_chroma_w, is_left ? 0 : 1));
+    set("src_h_chr_pos", horizontal_position(form.chroma, layout->log2_chroma_w));
   if (layout != nullptr && layout->log2_chroma_h > 0)
-    set("src_v_chr_pos", chroma_position(layout->log2_chroma_h, is_top ? 0 : is_bottom ? 2 : 1));
+    set("src_v_chr_pos", vertical_position(form.chroma, layout->log2_chroma_h));
   // It fails for RGB, which has no matrix.
   sws_setColorspaceDetails(scaler.get(), sws_getCoefficients(form.matrix), form.full_range,
                            sws_getCoefficients(SWS_CS_DEFAULT), 1, 0, 1 << 16, 1 << 16);
   const int error = sws_init_context(scaler.get(), nullptr, nullptr);
   if (error < 0) return ffmpeg_error(error);
   return scaler;
+}
+
+std::shared_ptr<const geometry::YuvRule> FrameConverter::gpu_rule(const AVFrame& frame,
+                                                                  AVPixelFormat stated) {
+  const Form form = form_of(frame, stated);
+  const bool is_420 = stated == AV_PIX_FMT_YUV420P || stated == AV_PIX_FMT_YUVJ420P ||
+                      stated == AV_PIX_FMT_YUV420P10;
+  const bool has_size = form.width % 2 == 0 && form.height % 2 == 0 &&
+                        std::min(form.width, form.height) >= geometry::kMinYuvSide;
+  if (!is_420 || !has_size || !is_known(frame.colorspace)) return nullptr;
+  if (rule_ && form == rule_form_) return rule_;
+  const auto site = [](int position) {
+    return position == 0     ? geometry::ChromaSite::kFirst
+           : position == 128 ? geometry::ChromaSite::kBetween
+                             : geometry::ChromaSite::kSecond;
+  };
+  auto rule = std::make_shared<geometry::YuvRule>();
+  rule->coefficients = coefficients_of(sws_getCoefficients(form.matrix), form.full_range);
+  rule->columns = geometry::chroma_taps(form.width, site(horizontal_position(form.chroma, 1)),
+                                        geometry::kColumnWeightBits);
+  rule->rows = geometry::chroma_taps(form.height, site(vertical_position(form.chroma, 1)),
+                                     geometry::kRowWeightBits);
+  rule_ = std::move(rule);
+  rule_form_ = form;
+  return rule_;
 }
 
 Result<cv::Mat> FrameConverter::convert(const AVFrame& frame, AVPixelFormat stated) {

@@ -5,6 +5,7 @@
 #include <memory>
 #include <opencv2/core.hpp>
 
+#include "geometry/frame_warp.h"
 #include "stgs/format/status.h"
 
 extern "C" {
@@ -26,6 +27,11 @@ class FrameConverter {
   // format of the video, which may imply a range; that of the frame may be another layout of it.
   Result<cv::Mat> convert(const AVFrame& frame, AVPixelFormat stated);
 
+  // Returns how a GPU converts a 4:2:0 frame with the result of convert(): null if it cannot. The
+  // next call returns the same object for a frame with the same properties. The planes may be those
+  // of a GPU.
+  std::shared_ptr<const geometry::YuvRule> gpu_rule(const AVFrame& frame, AVPixelFormat stated);
+
  private:
   // The properties on which the conversion depends.
   struct Form {
@@ -46,6 +52,8 @@ class FrameConverter {
 
   Scaler scaler_;
   Form form_;  // of scaler_
+  std::shared_ptr<const geometry::YuvRule> rule_;
+  Form rule_form_;  // of rule_
 };
 
 }  // namespace stgs::encoder

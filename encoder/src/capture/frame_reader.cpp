@@ -5,6 +5,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <span>
 
+#include "camera_plan.h"
 #include "file_kind.h"
 #include "png_text.h"
 #include "stgs/encoder/image_file.h"
@@ -84,13 +85,13 @@ Result<OpenVideo> open_video(const CaptureFolder& files, const SourceCamera& cam
   return OpenVideo{std::move(decoder), bytes};
 }
 
-Status check_size(const std::string& path, const SourceCamera& camera, int frame,
-                  const cv::Mat& image, int width, int height) {
-  if (image.cols == width && image.rows == height) return {};
+Status check_size(const std::string& path, const SourceCamera& camera, int frame, cv::Size size,
+                  int width, int height) {
+  if (size == cv::Size(width, height)) return {};
   return invalid_file(
       "{}: camera '{}' frame {} differs in size from the frames before it (expected {}x{}, got "
       "{}x{})",
-      path, camera.name, frame, width, height, image.cols, image.rows);
+      path, camera.name, frame, width, height, size.width, size.height);
 }
 
 // kInvalidFile for a truncated JPEG, which OpenCV decodes to a partly grey image.
@@ -154,13 +155,12 @@ class DecodingReader final : public VideoReader {
   DecodingReader(std::unique_ptr<VideoDecoder> decoder, const SourceCamera& camera, int next)
       : decoder_(std::move(decoder)), camera_(camera), next_(next) {}
 
-  Result<cv::Mat> next(int width, int height) override {
+  Result<cv::Mat> next(int width, int height, const FrameMapping* mapping) override {
     STGS_ASSIGN(const bool has_frame, decoder_->advance());
     if (!has_frame) return ends_at(camera_, next_);
-    STGS_ASSIGN(const cv::Mat image, decoder_->image());
-    STGS_TRY(check_size(camera_.video, camera_, next_, image, width, height));
+    STGS_TRY(check_size(camera_.video, camera_, next_, decoder_->size(), width, height));
     ++next_;
-    return image;
+    return mapping == nullptr ? decoder_->image() : mapped_frame(*decoder_, *mapping);
   }
   DecodedBy decoded_by() const override { return decoder_->decoded_by(); }
 
@@ -218,9 +218,17 @@ Result<FrameInfo> probe_frames(const CaptureFolder& files, const SourceCamera& c
 Result<cv::Mat> read_image(const CaptureFolder& files, const SourceCamera& camera, int frame,
                            int width, int height) {
   STGS_ASSIGN(cv::Mat image, decode_image(files, camera, frame));
-  STGS_TRY(check_size(camera.images[static_cast<std::size_t>(frame)], camera, frame, image, width,
-                      height));
+  STGS_TRY(check_size(camera.images[static_cast<std::size_t>(frame)], camera, frame, image.size(),
+                      width, height));
   return image;
+}
+
+Result<cv::Mat> mapped_frame(VideoDecoder& decoder, const FrameMapping& mapping) {
+  if (mapping.is_on_gpu()) {
+    if (const auto yuv = decoder.yuv()) return mapping.frame(*yuv);
+  }
+  STGS_ASSIGN(const cv::Mat image, decoder.image());
+  return mapping.frame(image);
 }
 
 Result<std::unique_ptr<VideoReader>> VideoReader::open(const CaptureFolder& files,

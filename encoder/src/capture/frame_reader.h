@@ -34,6 +34,12 @@ Result<FrameInfo> probe_frames(const CaptureFolder& files, const SourceCamera& c
 Result<cv::Mat> read_image(const CaptureFolder& files, const SourceCamera& camera, int frame,
                            int width, int height);
 
+class FrameMapping;  // camera_plan.h
+
+// Returns the current frame of a decoder as 8-bit BGR, changed by a mapping: on the GPU of the
+// mapping, if that can convert it.
+Result<cv::Mat> mapped_frame(VideoDecoder& decoder, const FrameMapping& mapping);
+
 // Reads a video from front to back. Not thread-safe; separate readers are independent.
 class VideoReader {
  public:
@@ -44,10 +50,10 @@ class VideoReader {
                                                    const SourceCamera& camera, int first,
                                                    const VideoDecoding& decoding = {});
   virtual ~VideoReader() = default;
-  // Decodes the next frame to 8-bit BGR. kInvalidFile at the end of the video, if the size is not
-  // width x height, or if the file repeats stored frames: they had more than twice its bytes and
-  // 16 MiB so far.
-  virtual Result<cv::Mat> next(int width, int height) = 0;
+  // Decodes the next frame to 8-bit BGR, and changes it by `mapping`; null: not. kInvalidFile at
+  // the end of the video, if the size is not width x height, or if the file repeats stored frames:
+  // they had more than twice its bytes and 16 MiB so far.
+  virtual Result<cv::Mat> next(int width, int height, const FrameMapping* mapping = nullptr) = 0;
   // Returns how the latest frame was decoded.
   virtual DecodedBy decoded_by() const = 0;
 };

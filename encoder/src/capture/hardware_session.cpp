@@ -5,6 +5,7 @@
 #include <array>
 
 #include "frame_converter.h"
+#include "h264_parameters.h"
 
 extern "C" {
 #include <libavutil/hwcontext.h>
@@ -97,6 +98,10 @@ std::string HardwareSession::find_refusal(AVCodecContext& codec, const AVPixelFo
     return fmt::format("NVDEC does not decode {} as {}", avcodec_get_name(codec.codec_id),
                        format == nullptr ? "an unknown format" : format);
   }
+  // Of these, FFmpeg leaves the chroma of frames in GPU memory undefined.
+  const auto bytes = static_cast<std::size_t>(std::max(codec.extradata_size, 0));
+  if (codec.codec_id == AV_CODEC_ID_H264 && is_grey_h264({codec.extradata, bytes}))
+    return "NVDEC does not decode h264 without colour";
   // FFmpeg asks again without the GPU if that has failed.
   offered_ = has_gpu;
   if (has_gpu) return reserve(codec);

@@ -26,6 +26,7 @@ namespace fs = std::filesystem;
 
 constexpr double kSettleSeconds = 8;      // after which static content becomes background
 constexpr const char* kGivenRig = "rig";  // its name in messages
+constexpr int kSameOrder = -1;            // no conversion of cv::cvtColor
 
 Result<SourceCamera> source_of(const RigCamera& given) {
   SourceCamera camera;
@@ -77,6 +78,8 @@ class Rig final : public LivePreparer {
     if (source_.files) {
       STGS_ASSIGN(decoding_, choose_video_decoding(settings_, log));
     }
+    STGS_ASSIGN(warper_,
+                geometry::make_frame_warper(settings_.backend, settings_.share.index, log));
     STGS_ASSIGN(sweeper_,
                 geometry::make_hull_sweeper(settings_.backend, settings_.share.index, log));
     STGS_ASSIGN(velocity_matcher_,
@@ -100,14 +103,14 @@ class Rig final : public LivePreparer {
                      const std::function<bool()>& stopped, const LogSink& log) override {
     STGS_TRY(check_has_sources());
     std::call_once(started_, [this] { clock_.start(fps_); });
-    const auto convert_and_push = [&](double seconds, const cv::Mat& bgr) -> Status {
-      STGS_ASSIGN(Image8 frame, convert(camera, {bgr.data, bgr.cols, bgr.rows, bgr.step[0], true}));
-      sink(camera, seconds, std::move(frame));
-      return {};
+    const auto push = [&](double seconds, const cv::Mat& bgr) {
+      sink(camera, seconds, image_of(bgr, cv::COLOR_BGR2RGB));
+      return Status();
     };
+    const auto mapping = [&](cv::Size size) { return mapping_of(camera, size); };
     try {
-      return read_live_source(*source_.files, source_.cameras[camera], clock_, convert_and_push,
-                              {stopped, settings_.allow_outside, decoding_, log});
+      return read_live_source(*source_.files, source_.cameras[camera], clock_, push,
+                              {stopped, settings_.allow_outside, decoding_, log, mapping});
     } catch (const std::exception& error) {
       return runtime_error("camera '{}': {}", cameras_[camera].name, error.what());
     }
@@ -164,8 +167,7 @@ class Rig final : public LivePreparer {
   // A camera after its first frame.
   struct Mapped {
     CameraPlan plan;
-    FrameMapping mapping;
-    explicit Mapped(CameraPlan made) : plan(std::move(made)), mapping(plan) {}
+    std::unique_ptr<FrameMapping> mapping;
   };
 
   Status check_has_sources() const {
@@ -222,34 +224,47 @@ class Rig final : public LivePreparer {
     }
   }
 
-  Result<Image8> convert_image(std::size_t camera, const LiveImage& image) {
+  // Returns the mapping of a camera, which its first frame defines. Thread-safe for different
+  // cameras.
+  Result<const FrameMapping*> mapping_of(std::size_t camera, cv::Size size) {
     std::unique_ptr<Mapped>& mapped = mapped_[camera];
     if (!mapped) {
-      STGS_ASSIGN(CameraPlan plan,
-                  plan_camera(source_.cameras[camera], {image.width, image.height, 0, fps_},
-                              settings_.scale));
-      mapped = std::make_unique<Mapped>(std::move(plan));
+      auto made = std::make_unique<Mapped>();
+      STGS_ASSIGN(made->plan, plan_camera(source_.cameras[camera],
+                                          {size.width, size.height, 0, fps_}, settings_.scale));
+      STGS_ASSIGN(made->mapping, FrameMapping::make(made->plan, warper_.get()));
+      mapped = std::move(made);
     }
-    const FrameInfo& size = mapped->plan.source;
-    if (image.width != size.width || image.height != size.height) {
+    const FrameInfo& first = mapped->plan.source;
+    if (size != cv::Size(first.width, first.height)) {
       return usage_error(
           "camera '{}': a frame differs in size from the first (expected {}x{}, got "
           "{}x{})",
-          cameras_[camera].name, size.width, size.height, image.width, image.height);
+          cameras_[camera].name, first.width, first.height, size.width, size.height);
     }
+    return mapped->mapping.get();
+  }
+
+  Result<Image8> convert_image(std::size_t camera, const LiveImage& image) {
+    STGS_ASSIGN(const FrameMapping* const mapping, mapping_of(camera, {image.width, image.height}));
     const cv::Mat source(image.height, image.width, image.has_alpha ? CV_8UC4 : CV_8UC3,
                          const_cast<std::uint8_t*>(image.data), image.stride);
-    const cv::Mat out = mapped->mapping.frame(source);
-    Image8 frame{out.cols, out.rows, 3, {}};
-    frame.data.resize(out.total() * 3);
-    cv::Mat target(out.size(), CV_8UC3, frame.data.data());
-    if (image.has_alpha)
-      cv::cvtColor(out, target, image.bgr ? cv::COLOR_BGRA2RGB : cv::COLOR_RGBA2RGB);
-    else if (image.bgr)
-      cv::cvtColor(out, target, cv::COLOR_BGR2RGB);
+    STGS_ASSIGN(const cv::Mat mapped, mapping->frame(source));
+    if (mapped.channels() == 4)
+      return image_of(mapped, image.bgr ? cv::COLOR_BGRA2RGB : cv::COLOR_RGBA2RGB);
+    return image_of(mapped, image.bgr ? cv::COLOR_BGR2RGB : kSameOrder);
+  }
+
+  // Returns an RGB image. `conversion`: to RGB, of cv::cvtColor.
+  static Image8 image_of(const cv::Mat& image, int conversion) {
+    Image8 out{image.cols, image.rows, 3, {}};
+    out.data.resize(image.total() * 3);
+    cv::Mat target(image.size(), CV_8UC3, out.data.data());
+    if (conversion == kSameOrder)
+      image.copyTo(target);
     else
-      out.copyTo(target);
-    return frame;
+      cv::cvtColor(image, target, conversion);
+    return out;
   }
 
   const SerialOpenCv serial_;
@@ -257,10 +272,11 @@ class Rig final : public LivePreparer {
   const std::string name_;
   SourceCapture source_;
   std::vector<LiveCamera> cameras_;
-  std::vector<std::unique_ptr<Mapped>> mapped_;  // per camera; null: no frame yet
   double fps_ = 0;
   LiveClock clock_;
   VideoDecoding decoding_;
+  std::shared_ptr<geometry::FrameWarper> warper_;  // null: frames change on the CPU
+  std::vector<std::unique_ptr<Mapped>> mapped_;    // per camera; null: no frame yet
   std::once_flag started_;
   std::shared_ptr<init::LiveBackgrounds> backgrounds_;
   // Null: on the CPU.

@@ -61,8 +61,9 @@ Status play_video(const CaptureFolder& files, const SourceCamera& camera, const 
   const Stopped& stopped = reading.stopped;
   STGS_ASSIGN(const FrameInfo info, probe_frames(files, camera));
   STGS_ASSIGN(const auto video, VideoReader::open(files, camera, 0, reading.decoding));
+  STGS_ASSIGN(const FrameMapping* const mapping, reading.mapping({info.width, info.height}));
   for (int frame = 0; frame < info.frames && !stopped(); ++frame) {
-    STGS_ASSIGN(const cv::Mat image, video->next(info.width, info.height));
+    STGS_ASSIGN(const cv::Mat image, video->next(info.width, info.height, mapping));
     if (frame == 0) log_decoder(label_of(camera), video->decoded_by(), reading.log);
     const double seconds = frame / clock.fps();
     if (!wait_until(clock, seconds, stopped)) break;
@@ -71,13 +72,20 @@ Status play_video(const CaptureFolder& files, const SourceCamera& camera, const 
   return {};
 }
 
+Result<cv::Mat> mapped_image(const cv::Mat& image, const LiveReading& reading) {
+  STGS_ASSIGN(const FrameMapping* const mapping, reading.mapping(image.size()));
+  return mapping->frame(image);
+}
+
 // Plays the images of a recorded capture.
 Status play_images(const CaptureFolder& files, const SourceCamera& camera, const LiveClock& clock,
-                   const SourceFrameSink& sink, const Stopped& stopped) {
+                   const SourceFrameSink& sink, const LiveReading& reading) {
+  const Stopped& stopped = reading.stopped;
   for (std::size_t frame = 0; frame < camera.images.size() && !stopped(); ++frame) {
     const std::string what = fmt::format("camera '{}' frame {}", camera.name, frame);
-    STGS_ASSIGN(const cv::Mat image,
+    STGS_ASSIGN(const cv::Mat decoded,
                 decode_file(files, camera.images[frame], what, kLiveImageFlags));
+    STGS_ASSIGN(const cv::Mat image, mapped_image(decoded, reading));
     const double seconds = static_cast<double>(frame) / clock.fps();
     if (!wait_until(clock, seconds, stopped)) break;
     STGS_TRY(sink(seconds, image));
@@ -210,10 +218,12 @@ Status follow_images(const std::string& folder, const SourceCamera& camera, Live
     const double seconds = clock.of_number(number);
     const std::string what = fmt::format("camera '{}' frame {}", camera.name, number);
     const Result<cv::Mat> decoded = decode_file(*files, image->path, what, kLiveImageFlags);
-    if (decoded.ok())
-      STGS_TRY(sink(seconds, *decoded));
-    else
+    if (decoded.ok()) {
+      STGS_ASSIGN(const cv::Mat mapped, mapped_image(*decoded, reading));
+      STGS_TRY(sink(seconds, mapped));
+    } else {
       reading.log(1, "image skipped: " + decoded.status().message());
+    }
     arrived = clock.now();
   }
   if (!stopped())
@@ -255,7 +265,8 @@ Status follow_stream(const std::string& url, const std::string& label, const Liv
   while (!reading.stopped()) {
     STGS_ASSIGN(const bool has_frame, decoder->advance());
     if (!has_frame) return {};
-    STGS_ASSIGN(const cv::Mat image, decoder->image());
+    STGS_ASSIGN(const FrameMapping* const mapping, reading.mapping(decoder->size()));
+    STGS_ASSIGN(const cv::Mat image, mapped_frame(*decoder, *mapping));
     const double seconds = stream.seconds(decoder->seconds(), clock.now());
     if (stream.jumped())
       reading.log(1, label + ": the timestamps of its stream jumped; realigned by arrival time");
@@ -271,7 +282,8 @@ Status read_stream(const std::string& url, bool is_pipe, const SourceCamera& cam
                    const LiveClock& clock, const SourceFrameSink& sink,
                    const LiveReading& reading) {
   const std::string label = label_of(camera);
-  const auto& [stopped, allow_outside, decoding, log] = reading;
+  const Stopped& stopped = reading.stopped;
+  const LogSink& log = reading.log;
   bool reported = false;
   while (!stopped()) {
     bool received = false;
@@ -282,7 +294,7 @@ Status read_stream(const std::string& url, bool is_pipe, const SourceCamera& cam
     const Status read = follow_stream(url, label, clock, checked, reading, received);
     if (stopped()) break;
     if (!status.ok()) return status;
-    if (read.code() == StatusCode::kUnsupported && decoding.required) return read;
+    if (read.code() == StatusCode::kUnsupported && reading.decoding.required) return read;
     if (is_pipe) {
       log(2, fmt::format("{}: the pipe has ended", label));
       return read;
@@ -359,7 +371,7 @@ Status read_live_source(const CaptureFolder& files, const SourceCamera& camera, 
   const auto& [kind, path] = found;
   switch (kind) {
     case SourceKind::kRecorded:
-      return play_images(files, camera, clock, sink, reading.stopped);
+      return play_images(files, camera, clock, sink, reading);
     case SourceKind::kVideo: {
       SourceCamera video = camera;
       video.video = path;

@@ -11,6 +11,7 @@
 #include <string>
 #include <utility>
 
+#include "camera_plan.h"
 #include "source_capture.h"
 #include "video_device.h"
 
@@ -37,8 +38,8 @@ class LiveClock {
   std::optional<std::pair<std::int64_t, double>> first_;  // number and its time
 };
 
-// Receives the time of a frame on the clock of the rig, seconds, and the frame, 8-bit BGR. An error
-// ends the source.
+// Receives the time of a frame on the clock of the rig, seconds, and the frame, 8-bit BGR, changed
+// by the mapping of the camera. An error ends the source.
 using SourceFrameSink = std::function<Status(double seconds, const cv::Mat& bgr)>;
 
 // How a source is read.
@@ -47,6 +48,9 @@ struct LiveReading {
   bool allow_outside = false;     // paths of `live_source` may leave the folder of the rig
   VideoDecoding decoding;         // of videos and streams
   LogSink log;
+  // Returns the mapping of the camera for frames of a size; an error if it is not that of the
+  // first.
+  std::function<Result<const FrameMapping*>(cv::Size size)> mapping;
 };
 
 // Reads a camera until its source ends or reading.stopped returns true:

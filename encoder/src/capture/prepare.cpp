@@ -240,8 +240,15 @@ class Preparer final : public WindowPreparer {
     const bool has_videos =
         std::any_of(source_.cameras.begin(), source_.cameras.end(),
                     [](const SourceCamera& camera) { return !camera.video.empty(); });
+    const bool has_changes =
+        has_videos || std::any_of(plans_.begin(), plans_.end(),
+                                  [](const CameraPlan& plan) { return !plan.is_identity(); });
     if (is_first && has_videos) {
       STGS_ASSIGN(videos_.decoding, choose_video_decoding(settings_, log));
+    }
+    if (is_first && has_changes) {
+      STGS_ASSIGN(videos_.warper,
+                  geometry::make_frame_warper(settings_.backend, settings_.share.index, log));
     }
     STGS_TRY(write_frames(source_, plans_, window, videos_, progress));
     if (is_first) log_decoders(source_, videos_, log);

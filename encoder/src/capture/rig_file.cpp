@@ -9,13 +9,13 @@
 namespace stgs::encoder {
 namespace {
 
-using Json = nlohmann::ordered_json;
+using OrderedJson = nlohmann::ordered_json;
 
-Json json_of(const SourceCamera& camera, const FrameInfo& frames, bool states_test) {
+OrderedJson json_of(const SourceCamera& camera, const FrameInfo& frames, bool states_test) {
   const bool is_stated = camera.width > 0;  // the size that the intrinsics are for
   const double* r = camera.rotation;
   const double* t = camera.translation;
-  Json json = {
+  OrderedJson json = {
       {"name", camera.name},
       {"width", is_stated ? camera.width : frames.width},
       {"height", is_stated ? camera.height : frames.height},
@@ -31,14 +31,16 @@ Json json_of(const SourceCamera& camera, const FrameInfo& frames, bool states_te
 
 Status write_rig(const SourceCapture& capture, const std::vector<CameraPlan>& plans, double fps,
                  const std::string& path) {
-  Json json = {
-      {"fps", fps}, {"metric", capture.metric}, {"pixel_centre", 0.5}, {"cameras", Json::array()}};
+  OrderedJson json = {{"fps", fps},
+                      {"metric", capture.metric},
+                      {"pixel_centre", 0.5},
+                      {"cameras", OrderedJson::array()}};
   for (std::size_t i = 0; i < plans.size(); ++i)
     json["cameras"].push_back(json_of(capture.cameras[i], plans[i].source, capture.split_known));
   std::string text;
   try {
     text = json.dump(1) + "\n";
-  } catch (const Json::exception& error) {
+  } catch (const OrderedJson::exception& error) {
     return invalid_file("{}: a name is not valid UTF-8: {}", path, json_error(error));
   }
   return write_file_atomically(path,

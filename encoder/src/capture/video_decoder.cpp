@@ -9,13 +9,13 @@
 
 #include "decode_start.h"
 #include "frame_converter.h"
+#include "gpu_frame.h"
 #include "hardware_session.h"
 #include "stgs/encoder/image_file.h"
 #include "video_input.h"
 #include "video_rotation.h"
 
 extern "C" {
-#include <libavutil/hwcontext.h>
 #include <libavutil/mem.h>
 }
 
@@ -36,7 +36,9 @@ class FfmpegDecoder final : public VideoDecoder {
   double seconds() const override;
   Result<bool> skip_to(int first) override;
   Result<bool> advance() override;
+  cv::Size size() const override;
   Result<cv::Mat> image() override;
+  std::optional<geometry::YuvFrame> yuv() override;
   DecodedBy decoded_by() const override;
 
  private:
@@ -58,6 +60,8 @@ class FfmpegDecoder final : public VideoDecoder {
   Status check_size() const;
   // Returns the current frame as BGR, before rotation. Throws cv::Exception.
   Result<cv::Mat> converted();
+  // Returns the pixel format of the video; that of a frame in GPU memory is none.
+  AVPixelFormat stated_format() const;
   // Adds the file, the frame and a remedy to an error.
   Status explained(const Status& status) const;
 
@@ -305,6 +309,7 @@ Result<bool> FfmpegDecoder::advance() {
   }
   ++frame_;
   damaged_ = 0;
+  if (decoded_->format == AV_PIX_FMT_CUDA) align_gpu_crop(*decoded_, codec_->sw_pix_fmt);
   if (width_ == 0) {
     width_ = decoded_->width;
     height_ = decoded_->height;
@@ -314,19 +319,33 @@ Result<bool> FfmpegDecoder::advance() {
   return true;
 }
 
-Result<cv::Mat> FfmpegDecoder::converted() {
-  if (decoded_->format != AV_PIX_FMT_CUDA)
-    return converter_.convert(*decoded_, static_cast<AVPixelFormat>(decoded_->format));
-  av_frame_unref(copied_.get());
-  int error = av_hwframe_transfer_data(copied_.get(), decoded_.get(), 0);
-  if (error < 0) {
-    return runtime_error("the GPU failed: {}; use --video-decoder cpu",
-                         ffmpeg_error(error).message());
+cv::Size FfmpegDecoder::size() const {
+  cv::Size size(decoded_->width, decoded_->height);
+  if (decoded_->format == AV_PIX_FMT_CUDA) {
+    size.width -= static_cast<int>(decoded_->crop_left);
+    size.height -= static_cast<int>(decoded_->crop_top);
   }
-  error = av_frame_copy_props(copied_.get(), decoded_.get());
-  // FFmpeg crops only the right and the bottom of frames in GPU memory.
-  if (error >= 0) error = av_frame_apply_cropping(copied_.get(), 0);
-  if (error < 0) return ffmpeg_error(error);
+  const bool is_turned =
+      rotation_ == cv::ROTATE_90_CLOCKWISE || rotation_ == cv::ROTATE_90_COUNTERCLOCKWISE;
+  return is_turned ? cv::Size(size.height, size.width) : size;
+}
+
+AVPixelFormat FfmpegDecoder::stated_format() const {
+  return decoded_->format == AV_PIX_FMT_CUDA ? codec_->sw_pix_fmt
+                                             : static_cast<AVPixelFormat>(decoded_->format);
+}
+
+std::optional<geometry::YuvFrame> FfmpegDecoder::yuv() {
+  geometry::YuvFrame out;
+  out.rule = converter_.gpu_rule(*decoded_, stated_format());
+  if (!out.rule || !set_planes(*decoded_, stated_format(), out)) return std::nullopt;
+  out.quarters = rotation_ + 1;
+  return out;
+}
+
+Result<cv::Mat> FfmpegDecoder::converted() {
+  if (decoded_->format != AV_PIX_FMT_CUDA) return converter_.convert(*decoded_, stated_format());
+  STGS_TRY(copy_from_gpu(*decoded_, *copied_));
   return converter_.convert(*copied_, codec_->sw_pix_fmt);
 }
 

@@ -7,10 +7,12 @@
 #include <functional>
 #include <memory>
 #include <opencv2/core.hpp>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
 
+#include "geometry/frame_warp.h"
 #include "stgs/format/status.h"
 #include "video_device.h"
 
@@ -71,12 +73,17 @@ class VideoDecoder {
   // that of the first frame that cannot be decoded; all frames before it come first. kInvalidFile
   // for a frame of another size than the first.
   virtual Result<bool> advance() = 0;
+  // Returns the size of image().
+  virtual cv::Size size() const = 0;
   // Returns the current frame as 8-bit BGR, rotated as the file states (in steps of 90 degrees, as
   // players do). Chroma is interpolated, from its stated position. The matrix and range are the
   // stated ones. Where they are not stated, the matrix is BT.709 above 576 lines or from 1280
   // columns on, else BT.601, and the range is full for grey frames, else limited. Transfer
   // functions are not converted.
   virtual Result<cv::Mat> image() = 0;
+  // Returns the current frame for a GPU, which converts it to the result of image(): valid until
+  // the next call of advance(), and none if a GPU cannot convert it.
+  virtual std::optional<geometry::YuvFrame> yuv() = 0;
   // Returns how the current frame was decoded.
   virtual DecodedBy decoded_by() const = 0;
 };

@@ -163,11 +163,14 @@ Status write_unguarded(const CameraJob& job, bool copies, int frame, cv::Mat dec
   if (decoded.empty()) {
     STGS_ASSIGN(decoded, read_image(job.files, job.source, job.number_of(frame),
                                     job.plan.source.width, job.plan.source.height));
+  } else if (job.mapping.is_on_gpu()) {
+    return write_mapped(job, frame, decoded);
   }
-  return write_mapped(job, frame, job.mapping.frame(decoded));
+  STGS_ASSIGN(const cv::Mat mapped, job.mapping.frame(decoded));
+  return write_mapped(job, frame, mapped);
 }
 
-// Writes one frame. `decoded` is a video frame, or empty for an image frame.
+// Writes one frame. `decoded` is that of read_frame(), or empty for an image frame.
 Status write_frame(const CameraJob& job, bool copies, int frame, cv::Mat decoded) {
   try {
     return write_unguarded(job, copies, frame, std::move(decoded));
@@ -187,11 +190,14 @@ Status open_source(const CameraJob& job, const VideoDecoding& decoding, SourceVi
 }
 
 // Reads the video up to the image that is a frame. Cameras with a frame rate of their own skip
-// images, or have one image for several frames.
+// images, or have one image for several frames. A GPU changes the frame while it is at hand; the
+// CPU changes it on the thread that writes it.
 Result<cv::Mat> read_frame(const CameraJob& job, SourceVideo& video, int frame) {
   try {
+    const FrameMapping* const mapping = job.mapping.is_on_gpu() ? &job.mapping : nullptr;
     while (video.next <= job.number_of(frame)) {
-      STGS_ASSIGN(video.latest, video.reader->next(job.plan.source.width, job.plan.source.height));
+      STGS_ASSIGN(video.latest,
+                  video.reader->next(job.plan.source.width, job.plan.source.height, mapping));
       ++video.next;
     }
     return video.latest;
@@ -274,9 +280,10 @@ Status write_frames(const SourceCapture& source, const std::vector<CameraPlan>& 
   return clear(run_reporting("frames", total, progress, [&](Counter& counter) -> Status {
     parallel_for(std::size_t{0}, plans.size(), [&](std::size_t i) {
       if (counter.cancelled || error.stop()) return;
-      const FrameMapping mapping(plans[i]);
+      const auto mapping = FrameMapping::make(plans[i], videos.warper.get());
+      if (!mapping.ok()) return error.set(mapping.status(), i, 0);
       const CameraJob job{*source.files, source.cameras[i], plans[i],
-                          mapping,       capture,           capture.cameras[i]};
+                          **mapping,     capture,           capture.cameras[i]};
       write_camera(job, i, videos, counter, error);
     });
     return error.status();

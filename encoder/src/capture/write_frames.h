@@ -27,14 +27,16 @@ Result<std::vector<CameraPlan>> plan_frames(const SourceCapture& source,
 struct SourceVideo {
   std::unique_ptr<VideoReader> reader;  // null: not opened
   std::int64_t next = 0;                // number of the next image in the video
-  cv::Mat latest;                       // the one before, of a camera with a frame rate of its own
+  // The one before, of a camera with a frame rate of its own; changed if that happens on a GPU.
+  cv::Mat latest;
 };
 
 // The videos of a capture while their frames are written range by range, one after the other.
 struct OpenVideos {
   VideoDecoding decoding;
-  std::vector<SourceVideo> videos;  // per camera
-  int next_frame = 0;               // of the source
+  std::shared_ptr<geometry::FrameWarper> warper;  // null: frames change on the CPU
+  std::vector<SourceVideo> videos;                // per camera
+  int next_frame = 0;                             // of the source
 };
 
 // Writes frames/ and the given masks/ to capture.folder and capture.memory, on all threads; with

@@ -19,6 +19,9 @@ Result<std::unique_ptr<ViewMatcher>> make_cuda_matcher(int) {
 Result<std::unique_ptr<HullSweeper>> make_cuda_hull_sweeper(int) {
   return no_cuda();
 }
+Result<std::unique_ptr<FrameWarper>> make_cuda_frame_warper(int) {
+  return no_cuda();
+}
 Result<std::unique_ptr<MotionFinder>> make_cuda_motion_finder(int) {
   return no_cuda();
 }
@@ -60,6 +63,13 @@ Result<std::unique_ptr<ViewMatcher>> make_matcher(const std::string& backend, in
   if (backend != "cuda" && backend != "auto") return unknown_backend(backend);
   STGS_ASSIGN(auto cuda, if_usable(make_cuda_matcher(gpu), backend, "stereo", log));
   return cuda ? std::move(cuda) : make_cpu_matcher();
+}
+
+Result<std::unique_ptr<FrameWarper>> make_frame_warper(const std::string& backend, int gpu,
+                                                       const LogSink& log) {
+  if (backend == "cpu") return std::unique_ptr<FrameWarper>();
+  if (backend != "cuda" && backend != "auto") return unknown_backend(backend);
+  return if_usable(make_cuda_frame_warper(gpu), backend, "frames", log);
 }
 
 Result<std::unique_ptr<HullSweeper>> make_hull_sweeper(const std::string& backend, int gpu,

@@ -7,6 +7,7 @@
 #include <memory>
 #include <string>
 
+#include "geometry/frame_warp.h"
 #include "geometry/hull_sweep.h"
 #include "geometry/motion_finder.h"
 #include "geometry/patch_match.h"
@@ -42,6 +43,9 @@ Result<std::unique_ptr<ViewMatcher>> make_cuda_matcher(int gpu);
 // `backend`: "cpu", "cuda" or "auto", which is CUDA if it can be used.
 Result<std::unique_ptr<ViewMatcher>> make_matcher(const std::string& backend, int gpu,
                                                   const LogSink& log);
+// The same for the frames of cameras, but returns null for the CPU.
+Result<std::unique_ptr<FrameWarper>> make_frame_warper(const std::string& backend, int gpu,
+                                                       const LogSink& log);
 // The same for sweeps in the visual hull, but returns null for the CPU.
 Result<std::unique_ptr<HullSweeper>> make_hull_sweeper(const std::string& backend, int gpu,
                                                        const LogSink& log);

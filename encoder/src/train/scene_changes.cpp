@@ -36,7 +36,7 @@ constexpr float kMuchLess = 0.5f;  // an excess over another
 // A primitive remains if more than this part of the views that differ is worse without it.
 constexpr double kMaxWorseSingle = 0.25;
 // A group has changed in a frame in which this part of its views differs.
-constexpr double kChangedShare = 0.5;
+constexpr double kMinChangedShare = 0.5;
 // Primitives up to this part of the depth behind the visible surface are part of it.
 constexpr float kDepthSlack = 0.03f;
 constexpr float kMinKnownAlpha = 0.8f;  // of known content
@@ -299,7 +299,7 @@ class ChangeFinder {
         if (first[g] != frame + 1) continue;
         Tally tally;
         for (const std::size_t k : groups[g]) tally += count(sights_[k], changed);
-        if (tally.changed_share() < kChangedShare) continue;
+        if (tally.changed_share() < kMinChangedShare) continue;
         first[g] = frame;
         open = true;
       }

@@ -1,0 +1,279 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <array>
+#include <condition_variable>
+#include <memory>
+#include <mutex>
+#include <utility>
+#include <vector>
+
+#include "backend/cuda/frame_warp.h"
+#include "backend/cuda/memory.h"
+#include "backend/cuda/select_gpu.h"
+#include "geometry/frame_warp.h"
+#include "geometry/warp_tables.h"
+
+namespace stgs::encoder {
+namespace {
+
+using cuda::cuda_status;
+using cuda::DeviceArray;
+using geometry::AreaSpan;
+using geometry::ChromaTaps;
+using geometry::PackedImage;
+using geometry::WarpCamera;
+using geometry::WarpPosition;
+using geometry::YuvFrame;
+using geometry::YuvPlanes;
+using geometry::YuvRule;
+
+constexpr std::size_t kMaxWarpLanes = 8;  // frames at a time
+
+std::size_t pixels_in(int width, int height) {
+  return static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
+}
+
+// Copies a table to the device, and waits.
+template <typename T>
+Status upload(const std::vector<T>& values, DeviceArray<T>& array) {
+  STGS_TRY(array.ensure(values.size()));
+  return cuda_status(
+      cudaMemcpy(array.data(), values.data(), values.size() * sizeof(T), cudaMemcpyHostToDevice),
+      "uploading a table");
+}
+
+// The tables of a camera on the device.
+struct CameraTables {
+  int source_width = 0, source_height = 0, width = 0, height = 0;
+  bool undistorts = false, scales = false;
+  DeviceArray<WarpPosition> positions;
+  DeviceArray<AreaSpan> columns, rows;
+
+  Status set(const WarpCamera& camera) {
+    source_width = camera.source_width;
+    source_height = camera.source_height;
+    width = camera.width;
+    height = camera.height;
+    undistorts = camera.map_x != nullptr;
+    scales = width != source_width || height != source_height;
+    if (undistorts) {
+      std::vector<WarpPosition> made(pixels_in(source_width, source_height));
+      for (std::size_t i = 0; i < made.size(); ++i)
+        made[i] = geometry::warp_position(camera.map_x[i], camera.map_y[i]);
+      STGS_TRY(upload(made, positions));
+    }
+    if (!scales) return {};
+    STGS_TRY(upload(geometry::area_spans(source_width, width), columns));
+    return upload(geometry::area_spans(source_height, height), rows);
+  }
+};
+
+// The memory and the stream of one frame.
+class WarpLane {
+ public:
+  WarpLane(int gpu, const std::int16_t* weights) : gpu_(gpu), weights_(weights) {}
+
+  template <typename Frame>
+  Status run(const CameraTables& camera, const Frame& frame, std::uint8_t* out) {
+    // The device is a setting of the thread.
+    STGS_TRY(cuda_status(cudaSetDevice(gpu_), "choosing the GPU"));
+    STGS_TRY(stream_.create());
+    const Status status = start(camera, frame, out);
+    // Also after an error, because copies read the memory of the caller.
+    const Status waited = stream_.wait();
+    return status.ok() ? waited : status;
+  }
+
+ private:
+  template <typename Frame>
+  Status start(const CameraTables& camera, const Frame& frame, std::uint8_t* out) {
+    STGS_TRY(take(frame));
+    STGS_TRY(warp(camera));
+    STGS_TRY(cuda_status(cudaGetLastError(), "starting to convert a frame"));
+    return cuda_status(cudaMemcpyAsync(out, image_.data, 3 * pixels_in(image_.width, image_.height),
+                                       cudaMemcpyDeviceToHost, stream_),
+                       "reading a frame");
+  }
+
+  Status take(const PackedImage& image) {
+    const std::size_t row = pixels_in(image.width, image.channels);
+    STGS_TRY(source_.ensure(row * static_cast<std::size_t>(image.height)));
+    image_ = {source_.data(), image.width, image.height, row, image.channels};
+    return copy_rows(image.data, image.stride, row, image.height, source_.data());
+  }
+
+  Status take(const YuvFrame& frame) {
+    YuvPlanes planes = frame.planes;
+    STGS_TRY(frame.on_device ? wait_for_decoder() : upload_planes(planes));
+    if (rule_ != frame.rule) {
+      rule_.reset();
+      STGS_TRY(upload(frame.rule->columns, columns_));
+      STGS_TRY(upload(frame.rule->rows, rows_));
+      rule_ = frame.rule;
+    }
+    STGS_TRY(source_.ensure(3 * pixels_in(planes.width, planes.height)));
+    cuda::launch_yuv_to_bgr(planes, rule_->coefficients, columns_.data(), rows_.data(),
+                            frame.quarters, source_.data(), stream_);
+    const bool turned = frame.quarters % 2 == 1;
+    set_image(source_.data(), turned ? planes.height : planes.width,
+              turned ? planes.width : planes.height);
+    return {};
+  }
+
+  // The decoder writes on the default stream.
+  Status wait_for_decoder() {
+    STGS_TRY(decoded_.create());
+    STGS_TRY(cuda_status(cudaEventRecord(decoded_, cudaStreamLegacy), "waiting for the decoder"));
+    return cuda_status(cudaStreamWaitEvent(stream_, decoded_, 0), "waiting for the decoder");
+  }
+
+  Status upload_planes(YuvPlanes& planes) {
+    const std::size_t sample = planes.bits == 8 ? 1 : 2;
+    const std::size_t luma = pixels_in(planes.width, planes.height) * sample;
+    const std::size_t row = sample * static_cast<std::size_t>(planes.width);
+    const std::size_t chroma_row = row / 2;
+    STGS_TRY(planes_.ensure(luma + luma / 2));
+    std::uint8_t* const u = planes_.data() + luma;
+    std::uint8_t* const v = u + luma / 4;
+    const int rows = planes.height / 2;
+    STGS_TRY(copy_rows(planes.luma, planes.luma_stride, row, planes.height, planes_.data()));
+    STGS_TRY(copy_rows(planes.u, planes.chroma_stride, chroma_row, rows, u));
+    STGS_TRY(copy_rows(planes.v, planes.chroma_stride, chroma_row, rows, v));
+    planes.luma = planes_.data();
+    planes.u = u;
+    planes.v = v;
+    planes.luma_stride = row;
+    planes.chroma_stride = chroma_row;
+    return {};
+  }
+
+  Status copy_rows(const void* from, std::size_t stride, std::size_t row, int rows, void* to) {
+    return cuda_status(cudaMemcpy2DAsync(to, row, from, stride, row, static_cast<std::size_t>(rows),
+                                         cudaMemcpyHostToDevice, stream_),
+                       "uploading a frame");
+  }
+
+  // Undistorts and scales image_.
+  Status warp(const CameraTables& camera) {
+    if (image_.width != camera.source_width || image_.height != camera.source_height) {
+      return invalid_file("a frame differs in size from the first (expected {}x{}, got {}x{})",
+                          camera.source_width, camera.source_height, image_.width, image_.height);
+    }
+    if (camera.undistorts) {
+      STGS_TRY(undistorted_.ensure(3 * pixels_in(image_.width, image_.height)));
+      cuda::launch_undistort(image_, camera.positions.data(), weights_, undistorted_.data(),
+                             stream_);
+      set_image(undistorted_.data(), image_.width, image_.height);
+    }
+    if (!camera.scales) return {};
+    STGS_TRY(scaled_.ensure(3 * pixels_in(camera.width, camera.height)));
+    cuda::launch_scale(image_, camera.columns.data(), camera.rows.data(), camera.width,
+                       camera.height, scaled_.data(), stream_);
+    set_image(scaled_.data(), camera.width, camera.height);
+    return {};
+  }
+
+  void set_image(const std::uint8_t* data, int width, int height) {
+    image_ = {data, width, height, 3 * static_cast<std::size_t>(width), 3};
+  }
+
+  const int gpu_;
+  const std::int16_t* const weights_;
+  cuda::Stream stream_;
+  cuda::Event decoded_;
+  DeviceArray<std::uint8_t> planes_, source_, undistorted_, scaled_;
+  DeviceArray<ChromaTaps> columns_, rows_;
+  std::shared_ptr<const YuvRule> rule_;  // of columns_ and rows_
+  PackedImage image_{};                  // the latest step
+};
+
+class WarpLanes {
+ public:
+  Status create(int gpu) {
+    gpu_ = gpu;
+    free_.reserve(kMaxWarpLanes);
+    return upload(geometry::warp_weights(), weights_);
+  }
+
+  template <typename Frame>
+  Status run(const CameraTables& camera, const Frame& frame, std::uint8_t* out) {
+    const std::shared_ptr<WarpLane> lane(take().release(),
+                                         [this](WarpLane* used) { give_back(used); });
+    const Status status = lane->run(camera, frame, out);
+    if (status.code() != StatusCode::kRuntime) return status;
+    return {status.code(), status.message() + "; or use --backend cpu"};
+  }
+
+  int gpu() const { return gpu_; }
+
+ private:
+  std::unique_ptr<WarpLane> take() {
+    std::unique_lock lock(mutex_);
+    returned_.wait(lock, [this] { return !free_.empty() || lanes_ < kMaxWarpLanes; });
+    if (free_.empty()) {
+      auto lane = std::make_unique<WarpLane>(gpu_, weights_.data());
+      ++lanes_;
+      return lane;
+    }
+    std::unique_ptr<WarpLane> lane = std::move(free_.back());
+    free_.pop_back();
+    return lane;
+  }
+
+  void give_back(WarpLane* lane) {
+    const std::lock_guard lock(mutex_);
+    free_.emplace_back(lane);
+    returned_.notify_one();
+  }
+
+  int gpu_ = 0;
+  DeviceArray<std::int16_t> weights_;
+  std::mutex mutex_;
+  std::condition_variable returned_;
+  std::vector<std::unique_ptr<WarpLane>> free_;
+  std::size_t lanes_ = 0;
+};
+
+class CudaFrameWarp final : public geometry::FrameWarp {
+ public:
+  CudaFrameWarp(WarpLanes& lanes, std::unique_ptr<CameraTables> camera)
+      : lanes_(lanes), camera_(std::move(camera)) {}
+  Status run(const YuvFrame& frame, std::uint8_t* out) const override {
+    return lanes_.run(*camera_, frame, out);
+  }
+  Status run(const PackedImage& image, std::uint8_t* out) const override {
+    return lanes_.run(*camera_, image, out);
+  }
+
+ private:
+  WarpLanes& lanes_;
+  const std::unique_ptr<CameraTables> camera_;
+};
+
+class CudaFrameWarper final : public geometry::FrameWarper {
+ public:
+  Status create(int gpu) { return lanes_.create(gpu); }
+  Result<std::unique_ptr<geometry::FrameWarp>> make(const WarpCamera& camera) override {
+    STGS_TRY(cuda_status(cudaSetDevice(lanes_.gpu()), "choosing the GPU"));
+    auto tables = std::make_unique<CameraTables>();
+    STGS_TRY(tables->set(camera));
+    return std::unique_ptr<geometry::FrameWarp>(
+        std::make_unique<CudaFrameWarp>(lanes_, std::move(tables)));
+  }
+
+ private:
+  WarpLanes lanes_;
+};
+
+}  // namespace
+
+Result<std::unique_ptr<geometry::FrameWarper>> geometry::make_cuda_frame_warper(int gpu) {
+  STGS_TRY(cuda::select_gpu(gpu).status());
+  int device = 0;
+  STGS_TRY(cuda_status(cudaGetDevice(&device), "choosing the GPU"));
+  auto warper = std::make_unique<CudaFrameWarper>();
+  STGS_TRY(warper->create(device));
+  return std::unique_ptr<FrameWarper>(std::move(warper));
+}
+
+}  // namespace stgs::encoder

@@ -1,0 +1,13 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+namespace stgs::encoder {
+
+// Returns whether the parameters of an H.264 track, as a container stores them (avcC, or with start
+// codes), state frames without chroma. False also if they state no format.
+bool is_grey_h264(std::span<const std::uint8_t> parameters);
+
+}  // namespace stgs::encoder
