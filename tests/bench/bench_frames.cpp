@@ -43,7 +43,7 @@ Status measure(const SourceCapture& source, PrepareSettings settings, const char
   prepared.memory = std::make_shared<FrameMemory>();
   prepared.memory_only = true;
   OpenVideos videos;
-  STGS_ASSIGN(videos.decoding, choose_video_decoding(settings, kPrint));
+  STGS_ASSIGN(videos.decoding, choose_video_decoding(settings, kEndless, kPrint));
   STGS_ASSIGN(videos.warper, geometry::make_frame_warper(backend, 0, kPrint));
   const double wall = wall_seconds(), core = core_seconds();
   STGS_TRY(write_frames(source, plans, prepared, videos, {}));

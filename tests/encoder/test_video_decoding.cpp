@@ -24,12 +24,19 @@ bool has_gpu() {
 
 }  // namespace
 
-TEST_CASE("the CPU decodes videos if it is chosen, also as the backend") {
-  for (const auto& settings :
-       {settings_of("cpu", "auto"), settings_of("cpu", "cuda"), settings_of("auto", "cpu")}) {
+TEST_CASE("the CPU decodes short videos, and all if it is chosen, also as the backend") {
+  struct Choice {
+    PrepareSettings settings;
+    std::int64_t pixels;
+  };
+  for (const Choice& choice : {Choice{settings_of("cpu", "auto"), kEndless},
+                               {settings_of("cpu", "cuda"), kEndless},
+                               {settings_of("auto", "cpu"), kEndless},
+                               {settings_of("auto", "auto"), 30 * 640 * 360}}) {
     std::vector<std::string> lines;
-    const auto chosen = choose_video_decoding(
-        settings, [&](int, const std::string& line) { lines.push_back(line); });
+    const auto chosen =
+        choose_video_decoding(choice.settings, choice.pixels,
+                              [&](int, const std::string& line) { lines.push_back(line); });
     REQUIRE(chosen.ok());
     CHECK(chosen->device == nullptr);
     CHECK(!chosen->required);
@@ -38,7 +45,7 @@ TEST_CASE("the CPU decodes videos if it is chosen, also as the backend") {
 }
 
 TEST_CASE("an unknown video decoder is a usage error") {
-  const Status status = choose_video_decoding(settings_of("vulkan", "auto"), {}).status();
+  const Status status = choose_video_decoding(settings_of("vulkan", "auto"), 0, {}).status();
   CHECK(status.code() == StatusCode::kUsage);
   CHECK(fails_with(status, {"vulkan", "auto, cpu or cuda"}));
 }
@@ -46,8 +53,9 @@ TEST_CASE("an unknown video decoder is a usage error") {
 TEST_CASE("without a GPU, the CPU decodes videos, and the log states why") {
   if (has_gpu()) return;
   std::vector<std::string> lines;
-  const auto chosen = choose_video_decoding(
-      settings_of("auto", "auto"), [&](int, const std::string& line) { lines.push_back(line); });
+  const auto chosen =
+      choose_video_decoding(settings_of("auto", "auto"), kEndless,
+                            [&](int, const std::string& line) { lines.push_back(line); });
   REQUIRE(chosen.ok());
   CHECK(chosen->device == nullptr);
   REQUIRE(lines.size() == 1);

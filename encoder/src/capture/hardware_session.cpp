@@ -98,6 +98,11 @@ std::string HardwareSession::find_refusal(AVCodecContext& codec, const AVPixelFo
     return fmt::format("NVDEC does not decode {} as {}", avcodec_get_name(codec.codec_id),
                        format == nullptr ? "an unknown format" : format);
   }
+  // Of these, the chroma would differ.
+  if (codec.width % 2 != 0 || codec.height % 2 != 0) {
+    return fmt::format("NVDEC does not decode {} of {}x{} pixels, an odd size",
+                       avcodec_get_name(codec.codec_id), codec.width, codec.height);
+  }
   // Of these, FFmpeg leaves the chroma of frames in GPU memory undefined.
   const auto bytes = static_cast<std::size_t>(std::max(codec.extradata_size, 0));
   if (codec.codec_id == AV_CODEC_ID_H264 && is_grey_h264({codec.extradata, bytes}))

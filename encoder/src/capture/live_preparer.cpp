@@ -76,7 +76,7 @@ class Rig final : public LivePreparer {
 
   Status choose_backend(const LogSink& log) {
     if (source_.files) {
-      STGS_ASSIGN(decoding_, choose_video_decoding(settings_, log));
+      STGS_ASSIGN(decoding_, choose_video_decoding(settings_, kEndless, log));
     }
     STGS_ASSIGN(warper_,
                 geometry::make_frame_warper(settings_.backend, settings_.share.index, log));

@@ -73,7 +73,7 @@ Status check(const PrepareSettings& settings) {
 // Also reports an unavailable backend or video decoder, even if the capture turns out to need none.
 Status check_all(const PrepareSettings& settings) {
   STGS_TRY(check(settings));
-  if (settings.video_decoder == "cuda") STGS_TRY(choose_video_decoding(settings, {}).status());
+  if (settings.video_decoder == "cuda") STGS_TRY(choose_video_decoding(settings, 0, {}).status());
   return settings.backend == "auto"
              ? Status()
              : geometry::make_matcher(settings.backend, settings.share.index, {}).status();
@@ -234,17 +234,27 @@ class Preparer final : public WindowPreparer {
   }
 
  private:
+  // Returns the pixels in the frames of all windows; 0 without a video.
+  std::int64_t pixels_of_longest_video() const {
+    std::int64_t most = 0;
+    for (std::size_t i = 0; i < plans_.size(); ++i) {
+      const FrameInfo& frame = plans_[i].source;
+      if (source_.cameras[i].video.empty()) continue;
+      most = std::max(most, std::int64_t{frame.width} * frame.height * complete_.frames);
+    }
+    return most;
+  }
+
   Status write_all_frames(const PreparedCapture& window, std::size_t index,
                           const ProgressSink& progress, const LogSink& log) {
     const bool is_first = videos_.videos.empty();
-    const bool has_videos =
-        std::any_of(source_.cameras.begin(), source_.cameras.end(),
-                    [](const SourceCamera& camera) { return !camera.video.empty(); });
+    const std::int64_t pixels = pixels_of_longest_video();
+    const bool has_videos = pixels > 0;
     const bool has_changes =
         has_videos || std::any_of(plans_.begin(), plans_.end(),
                                   [](const CameraPlan& plan) { return !plan.is_identity(); });
     if (is_first && has_videos) {
-      STGS_ASSIGN(videos_.decoding, choose_video_decoding(settings_, log));
+      STGS_ASSIGN(videos_.decoding, choose_video_decoding(settings_, pixels, log));
     }
     if (is_first && has_changes) {
       STGS_ASSIGN(videos_.warper,

@@ -3,6 +3,7 @@
 
 #include <dlfcn.h>
 
+#include <thread>
 #include <utility>
 
 #include "backend/gpu_context.h"
@@ -17,6 +18,14 @@ extern "C" {
 
 namespace stgs::encoder {
 namespace {
+
+// What a core decodes (H.264) while a decoder of the GPU starts, 64 ms on an H200. Decoders start
+// one after the other.
+constexpr std::int64_t kPixelsPerStart = std::int64_t{1} << 25;
+
+bool is_worth_start(std::int64_t pixels) {
+  return pixels / kPixelsPerStart >= std::int64_t{std::thread::hardware_concurrency()};
+}
 
 #if STGS_HAS_CUDA
 constexpr const char* kDecoderLibrary = "libnvcuvid.so.1";
@@ -74,12 +83,14 @@ void VideoDevice::release(std::size_t bytes) {
   used_ -= bytes;
 }
 
-Result<VideoDecoding> choose_video_decoding(const PrepareSettings& settings, const LogSink& log) {
+Result<VideoDecoding> choose_video_decoding(const PrepareSettings& settings, std::int64_t pixels,
+                                            const LogSink& log) {
   const std::string& chosen = settings.video_decoder;
   if (chosen != "auto" && chosen != "cpu" && chosen != "cuda")
     return usage_error("unknown video decoder '{}' (expected auto, cpu or cuda)", chosen);
   const bool required = chosen == "cuda";
-  if (chosen == "cpu" || (!required && settings.backend == "cpu")) return VideoDecoding();
+  const bool is_useful = required || (settings.backend != "cpu" && is_worth_start(pixels));
+  if (chosen == "cpu" || !is_useful) return VideoDecoding();
   Result<std::shared_ptr<VideoDevice>> device = VideoDevice::open(settings.share.index);
   if (device.ok()) return VideoDecoding{std::move(*device), required};
   const std::string& reason = device.status().message();

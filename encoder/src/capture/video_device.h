@@ -4,6 +4,8 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
+#include <limits>
 #include <memory>
 #include <mutex>
 #include <string>
@@ -50,9 +52,13 @@ struct VideoDecoding {
   bool required = false;
 };
 
-// Follows settings.video_decoder: "cpu", "cuda", or "auto", which is the GPU if it can be used and
-// settings.backend is not "cpu". Errors of VideoDevice::open() for "cuda" alone; for "auto" they
-// are logged.
-Result<VideoDecoding> choose_video_decoding(const PrepareSettings& settings, const LogSink& log);
+inline constexpr std::int64_t kEndless = std::numeric_limits<std::int64_t>::max();
+
+// Follows settings.video_decoder: "cpu", "cuda", or "auto". That is the GPU if it can be used,
+// settings.backend is not "cpu", and the videos are worth the start of decoders: `pixels`, in all
+// frames that are decoded of the longest, are more than the cores decode meanwhile. Errors of
+// VideoDevice::open() for "cuda" alone; for "auto" they are logged.
+Result<VideoDecoding> choose_video_decoding(const PrepareSettings& settings, std::int64_t pixels,
+                                            const LogSink& log);
 
 }  // namespace stgs::encoder

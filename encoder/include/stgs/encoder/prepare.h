@@ -49,8 +49,9 @@ struct PrepareSettings {
   std::uint64_t seed = 1;
   std::string backend = "auto";  // of stereo, sweeps, motion, velocities: auto, cpu, cuda
   // What decodes videos: "cpu"; "cuda", the NVIDIA GPU's decoder of H.264, HEVC, VP9 and AV1, an
-  // error (kUnsupported, kNotBuilt) if it cannot be used; "auto", the GPU where it can be used,
-  // unless the backend is "cpu". The frames are the same.
+  // error (kUnsupported, kNotBuilt) if it cannot be used; "auto", the GPU where it can be used
+  // and the videos are long enough for its start to pay, unless the backend is "cpu". The frames
+  // are the same.
   std::string video_decoder = "auto";
   MachineShare share;
   bool overwrite = false;  // replace an existing prepared capture at the target
