@@ -202,6 +202,21 @@ class Live(CliTest):
         self.assertEqual([media[name].plays for name in self.names], [1, 2, 1, 1])
         self.assertIn(f"camera '{self.names[1]}': stream lost", log)
 
+    def test_a_stream_that_does_not_fit_its_calibration_ends_its_camera(self):
+        media = {}
+        for name in self.names:
+            media[name] = Media(os.path.join(harness.sample(), f"{name}.mp4"), 10, self.path(f"{name}.sdp"))
+            self.addCleanup(media[name].close)
+        with RtspServer(media) as server:
+            path = self.path(self.rig([server.url(name) for name in self.names]))
+            with open(path, encoding="utf-8") as file:
+                rig = json.load(file)
+            rig["cameras"][0]["height"] = 200
+            self.write("rig.json", json.dumps(rig))
+            log = self.record_until_ctrl_c(CAMERAS - 1)
+        self.assertEqual(media[self.names[0]].plays, 1)
+        self.assertIn(f"camera '{self.names[0]}' do not match the aspect ratio", log)
+
     def test_mistakes(self):
         rig = self.rig(["missing.mp4"] * CAMERAS)
         self.write("exists.stgs", "x")

@@ -122,4 +122,20 @@ TEST_CASE("H.264 without colour is recognised by its parameters") {
   CHECK(!is_grey_h264({}));
 }
 
+TEST_CASE("H.264 without colour is recognised by parameters within packets") {
+  using Bytes = std::vector<std::uint8_t>;
+  const Bytes of_container = {1, 100, 0, 30, 0xff, 0xe0};  // avcC without a set, lengths of 4 bytes
+  const Bytes with_lengths = {0, 0, 0, 2, 9, 0x10, 0, 0, 0, 6, 0x67, 100, 0, 30, 0xc0, 0x12};
+  const Bytes with_starts = {0, 0, 1, 9, 0x10, 0, 0, 1, 0x67, 100, 0, 30, 0xc0, 0x12};
+  CHECK(is_grey_h264_packet(of_container, with_lengths));
+  CHECK(!is_grey_h264_packet(of_container, with_starts));
+  CHECK(is_grey_h264_packet({}, with_starts));
+  CHECK(!is_grey_h264_packet({}, {}));
+  Bytes colour = with_lengths;
+  colour[14] = 0xa0;
+  CHECK(!is_grey_h264_packet(of_container, colour));
+  const Bytes beyond = {0xff, 0xff, 0xff, 0xff, 0x67};  // a length beyond the end
+  CHECK(!is_grey_h264_packet(of_container, beyond));
+}
+
 }  // namespace stgs::encoder::capture_test

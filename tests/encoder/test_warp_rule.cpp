@@ -6,6 +6,7 @@
 #include "capture_fixture.h"
 #include "catch.h"
 #include "src/capture/camera_plan.h"
+#include "src/capture/ffmpeg_types.h"
 #include "src/capture/frame_converter.h"
 #include "src/geometry/warp_tables.h"
 
@@ -14,10 +15,7 @@ namespace {
 
 using namespace geometry;
 
-struct FreeFrame {
-  void operator()(AVFrame* frame) const { av_frame_free(&frame); }
-};
-using Frame = std::unique_ptr<AVFrame, FreeFrame>;
+using ffmpeg::Frame;
 
 struct Format {
   int width, height, bits;
@@ -26,8 +24,8 @@ struct Format {
   AVColorSpace matrix;
 };
 
-// Returns a frame of noise.
-Frame noise(const Format& format) {
+// Returns a frame of noise; an extreme one has the smallest and the largest values alone, in runs.
+Frame noise(const Format& format, bool is_extreme = false) {
   Frame frame(av_frame_alloc());
   frame->format = format.bits == 8 ? AV_PIX_FMT_YUV420P : AV_PIX_FMT_YUV420P10;
   frame->width = format.width;
@@ -40,7 +38,8 @@ Frame noise(const Format& format) {
   for (int p = 0; p < 3; ++p) {
     const int rows = p == 0 ? format.height : format.height / 2;
     for (int i = 0; i < rows * frame->linesize[p] / (format.bits == 8 ? 1 : 2); ++i) {
-      const auto value = random() % (1u << format.bits);
+      auto value = random() % (1u << format.bits);
+      if (is_extreme) value = ((i / 24 + p) % 3 == 0) ? 0 : (1u << format.bits) - 1;
       if (format.bits == 8)
         frame->data[p][i] = static_cast<std::uint8_t>(value);
       else
@@ -96,14 +95,16 @@ TEST_CASE("the conversion of a GPU has the pixels of swscale") {
         Format{1280, 64, 10, false, AVCHROMA_LOC_LEFT, AVCOL_SPC_UNSPECIFIED},
         Format{322, 182, 10, true, AVCHROMA_LOC_BOTTOMLEFT, AVCOL_SPC_BT709}}) {
     INFO(format.width << "x" << format.height << ", " << format.bits << " bits");
-    const Frame frame = noise(format);
-    const auto stated = static_cast<AVPixelFormat>(frame->format);
-    const auto rule = converter.gpu_rule(*frame, stated);
-    REQUIRE(rule);
-    CHECK(converter.gpu_rule(*frame, stated) == rule);
-    const auto expected = converter.convert(*frame, stated);
-    REQUIRE(expected.ok());
-    CHECK(cv::norm(by_rule(*frame, format.bits, *rule), *expected, cv::NORM_INF) == 0);
+    for (const bool is_extreme : {false, true}) {
+      const Frame frame = noise(format, is_extreme);
+      const auto stated = static_cast<AVPixelFormat>(frame->format);
+      const auto rule = converter.gpu_rule(*frame, stated);
+      REQUIRE(rule);
+      CHECK(converter.gpu_rule(*frame, stated) == rule);
+      const auto expected = converter.convert(*frame, stated);
+      REQUIRE(expected.ok());
+      CHECK(cv::norm(by_rule(*frame, format.bits, *rule), *expected, cv::NORM_INF) == 0);
+    }
   }
 }
 

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Compares frames that a GPU converts, undistorts and scales with the CPU.
+#include <cuda_runtime_api.h>
+
 #include <opencv2/imgproc.hpp>
 #include <thread>
 
@@ -28,11 +30,11 @@ CameraPlan plan_of(cv::Size size, bool has_lens, double scale) {
   return *plan;
 }
 
-std::unique_ptr<geometry::FrameWarper> warper() {
+FrameChanger gpu_changer() {
   auto made = geometry::make_cuda_frame_warper(0);
   INFO(made.status().message());
   REQUIRE(made.ok());
-  return std::move(*made);
+  return {std::move(*made), true, {}};
 }
 
 struct Warp {
@@ -50,7 +52,7 @@ double tolerance(const Warp& warp) {
 
 TEST_CASE("frames that a GPU converts and undistorts are those of the CPU") {
   const TemporaryFolder folder;
-  const auto gpu = warper();
+  const FrameChanger gpu = gpu_changer();
   for (const Case& video :
        {Case{"a.mp4", {.frames = 3}}, Case{"b.mp4", {.frames = 3, .rotation = 90}},
         Case{"c.mp4", {.frames = 3, .rotation = 180}},
@@ -77,7 +79,7 @@ TEST_CASE("frames that a GPU converts and undistorts are those of the CPU") {
           REQUIRE((*decoder)->advance().ok());
           REQUIRE((*reference)->advance().ok());
           const CameraPlan plan = plan_of((*decoder)->size(), warp.has_lens, warp.scale);
-          const auto mapping = FrameMapping::make(plan, gpu.get());
+          const auto mapping = FrameMapping::make(plan, gpu);
           REQUIRE(mapping.ok());
           const auto found = mapped_frame(**decoder, **mapping);
           INFO(found.status().message());
@@ -93,7 +95,7 @@ TEST_CASE("frames that a GPU converts and undistorts are those of the CPU") {
 }
 
 TEST_CASE("images that a GPU undistorts are those of the CPU, also several at a time") {
-  const auto gpu = warper();
+  const FrameChanger gpu = gpu_changer();
   cv::Mat image(180, 320, CV_8UC4);
   cv::RNG random(3);
   random.fill(image, cv::RNG::UNIFORM, 0, 256);
@@ -102,7 +104,7 @@ TEST_CASE("images that a GPU undistorts are those of the CPU, also several at a 
   for (const Warp& warp : kWarps) {
     INFO("lens " << warp.has_lens << ", scale " << warp.scale);
     const CameraPlan plan = plan_of(image.size(), warp.has_lens, warp.scale);
-    const auto mapping = FrameMapping::make(plan, gpu.get());
+    const auto mapping = FrameMapping::make(plan, gpu);
     REQUIRE(mapping.ok());
     const auto expected = FrameMapping(plan).frame(colours);
     REQUIRE(expected.ok());
@@ -119,5 +121,33 @@ TEST_CASE("images that a GPU undistorts are those of the CPU, also several at a 
       REQUIRE(one.ok());
       CHECK(cv::norm(*one, *expected, cv::NORM_INF) <= tolerance(warp));
     }
+  }
+}
+
+TEST_CASE("cameras beyond the memory of a GPU are changed by the CPU, or refused") {
+  std::size_t free = 0, total = 0;
+  REQUIRE(cudaMemGetInfo(&free, &total) == cudaSuccess);
+  constexpr std::size_t kLeft = std::size_t{1} << 30;
+  void* taken = nullptr;
+  REQUIRE(cudaMalloc(&taken, free - kLeft) == cudaSuccess);
+  FrameChanger gpu = gpu_changer();
+  REQUIRE(cudaFree(taken) == cudaSuccess);
+  std::vector<std::string> lines;
+  gpu.log = [&](int, const std::string& line) { lines.push_back(line); };
+  const CameraPlan large = plan_of({6000, 6000}, true, 1), small = plan_of({320, 180}, true, 1);
+  const Status refused = FrameMapping::make(large, gpu).status();
+  INFO(refused.message());
+  CHECK(refused.code() == StatusCode::kNoMemory);
+  CHECK(refused.message().find("use --backend cpu") != std::string::npos);
+  gpu.required = false;
+  const auto changed = FrameMapping::make(large, gpu);
+  REQUIRE(changed.ok());
+  CHECK(!(*changed)->is_on_gpu());
+  REQUIRE(lines.size() == 1);
+  CHECK(lines[0].find("camera 'a'") == 0);
+  for (int i = 0; i < 2000; ++i) {  // the tables of earlier ones are released
+    const auto mapping = FrameMapping::make(small, gpu);
+    REQUIRE(mapping.ok());
+    REQUIRE((*mapping)->is_on_gpu());
   }
 }

@@ -2,6 +2,8 @@
 // Videos for tests, decoded by NVDEC and by the CPU.
 #pragma once
 
+#include <fmt/format.h>
+
 #include "capture/video_decoder.h"
 #include "catch.h"
 #include "fixtures/temporary_folder.h"
@@ -61,12 +63,13 @@ inline void check_same(const Decoded& found, const Decoded& expected) {
   CHECK(found.status.code() == expected.status.code());
   REQUIRE(found.images.size() == expected.images.size());
   CHECK(found.seconds == expected.seconds);
-  int different = 0;
+  std::string different;  // frames, and their largest difference
   for (std::size_t f = 0; f < found.images.size(); ++f) {
     REQUIRE(found.images[f].size() == expected.images[f].size());
-    different += cv::norm(found.images[f], expected.images[f], cv::NORM_INF) == 0 ? 0 : 1;
+    const double difference = cv::norm(found.images[f], expected.images[f], cv::NORM_INF);
+    if (difference > 0) different += fmt::format(" {}: {}", f, difference);
   }
-  CHECK(different == 0);
+  CHECK(different == "");
 }
 
 struct Case {

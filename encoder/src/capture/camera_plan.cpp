@@ -7,6 +7,8 @@
 #include <opencv2/imgproc.hpp>
 #include <vector>
 
+#include "geometry/view_matcher.h"
+
 namespace stgs::encoder {
 namespace {
 
@@ -131,10 +133,19 @@ FrameMapping::FrameMapping(const CameraPlan& plan) : plan_(plan) {
   }
 }
 
+Result<FrameChanger> choose_frame_changer(const PrepareSettings& settings, const LogSink& log) {
+  FrameChanger changer;
+  STGS_ASSIGN(changer.gpu,
+              geometry::make_frame_warper(settings.backend, settings.share.index, log));
+  changer.required = settings.backend == "cuda";
+  changer.log = log;
+  return changer;
+}
+
 Result<std::unique_ptr<FrameMapping>> FrameMapping::make(const CameraPlan& plan,
-                                                         geometry::FrameWarper* gpu) {
+                                                         const FrameChanger& changer) {
   auto mapping = std::make_unique<FrameMapping>(plan);
-  if (gpu == nullptr) return mapping;
+  if (!changer.gpu) return mapping;
   geometry::WarpCamera camera;
   camera.source_width = plan.source.width;
   camera.source_height = plan.source.height;
@@ -144,15 +155,26 @@ Result<std::unique_ptr<FrameMapping>> FrameMapping::make(const CameraPlan& plan,
     camera.map_x = mapping->map_x_.ptr<float>();
     camera.map_y = mapping->map_y_.ptr<float>();
   }
-  STGS_ASSIGN(mapping->warp_, gpu->make(camera));
+  Result<std::unique_ptr<geometry::FrameWarp>> warp = changer.gpu->make(camera);
+  if (warp.ok()) {
+    mapping->warp_ = std::move(*warp);
+    return mapping;
+  }
+  const Status& status = warp.status();
+  const std::string reason = fmt::format("camera '{}': {}", plan.camera.name, status.message());
+  if (changer.required || status.code() != StatusCode::kNoMemory)
+    return Status(status.code(), reason + "; use --backend cpu");
+  changer.log(2, reason + "; the CPU changes them");
   return mapping;
 }
 
 template <typename Source>
 Result<cv::Mat> FrameMapping::on_gpu(const Source& source) const {
   cv::Mat out(plan_.camera.height, plan_.camera.width, CV_8UC3);
-  STGS_TRY(warp_->run(source, out.data));
-  return out;
+  const Status status = warp_->run(source, out.data);
+  if (status.ok()) return out;
+  return Status(status.code(), fmt::format("camera '{}': {}; --backend cpu does without the GPU",
+                                           plan_.camera.name, status.message()));
 }
 
 Result<cv::Mat> FrameMapping::frame(const geometry::YuvFrame& frame) const {

@@ -33,14 +33,27 @@ struct CameraPlan {
   }
 };
 
+// What changes frames.
+struct FrameChanger {
+  std::shared_ptr<geometry::FrameWarper> gpu;  // null: the CPU
+  // A camera that does not fit into the memory of the GPU is an error. Otherwise the CPU changes
+  // its frames, which is logged.
+  bool required = false;
+  LogSink log;
+};
+
+// Follows settings.backend: "cpu", "cuda", or "auto", which is CUDA if it can be used. Errors as
+// geometry::make_frame_warper().
+Result<FrameChanger> choose_frame_changer(const PrepareSettings& settings, const LogSink& log);
+
 // Changes the frames of a camera as planned, on the CPU or on a GPU. With lens distortion it has 8
 // bytes per pixel of a source frame, on the GPU too: keep it only while the frames of the camera
 // are written. Thread-safe.
 class FrameMapping {
  public:
-  // `plan` and `gpu` must outlive the object. `gpu`: null for the CPU.
+  // `plan` and the GPU of the changer must outlive the object.
   static Result<std::unique_ptr<FrameMapping>> make(const CameraPlan& plan,
-                                                    geometry::FrameWarper* gpu);
+                                                    const FrameChanger& changer);
   // On the CPU.
   explicit FrameMapping(const CameraPlan& plan);
 

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "geometry/warp_tables.h"
+#include "gpu_frame.h"
 
 extern "C" {
 #include <libavutil/error.h>
@@ -152,11 +153,9 @@ Result<FrameConverter::Scaler> FrameConverter::make_scaler(const Form& form) {
 std::shared_ptr<const geometry::YuvRule> FrameConverter::gpu_rule(const AVFrame& frame,
                                                                   AVPixelFormat stated) {
   const Form form = form_of(frame, stated);
-  const bool is_420 = stated == AV_PIX_FMT_YUV420P || stated == AV_PIX_FMT_YUVJ420P ||
-                      stated == AV_PIX_FMT_YUV420P10;
   const bool has_size = form.width % 2 == 0 && form.height % 2 == 0 &&
                         std::min(form.width, form.height) >= geometry::kMinYuvSide;
-  if (!is_420 || !has_size || !is_known(frame.colorspace)) return nullptr;
+  if (!is_gpu_format(stated) || !has_size || !is_known(frame.colorspace)) return nullptr;
   if (rule_ && form == rule_form_) return rule_;
   const auto site = [](int position) {
     return position == 0     ? geometry::ChromaSite::kFirst

@@ -16,6 +16,17 @@ bool has_ten_bits(AVPixelFormat stated) {
 
 }  // namespace
 
+bool is_gpu_format(AVPixelFormat format) {
+  return format == AV_PIX_FMT_YUV420P || format == AV_PIX_FMT_YUVJ420P || has_ten_bits(format);
+}
+
+AVPixelFormat format_of_gpu_frame(const AVFrame& frame, AVPixelFormat stated) {
+  const auto& frames = *reinterpret_cast<const AVHWFramesContext*>(frame.hw_frames_ctx->data);
+  const bool ten = frames.sw_format != AV_PIX_FMT_NV12;
+  if (ten == has_ten_bits(stated)) return stated;
+  return ten ? AV_PIX_FMT_YUV420P10 : AV_PIX_FMT_YUV420P;
+}
+
 // FFmpeg leaves columns that are cropped at the left in place if the rows would not start at a
 // multiple of 32 bytes. It crops frames in GPU memory only at the right and the bottom.
 void align_gpu_crop(AVFrame& frame, AVPixelFormat stated) {
@@ -36,8 +47,8 @@ Status copy_from_gpu(const AVFrame& from, AVFrame& to) {
 }
 
 bool set_planes(const AVFrame& frame, AVPixelFormat stated, geometry::YuvFrame& out) {
-  const bool is_cropped = frame.crop_left == 0 && frame.crop_top == 0;
-  if (!is_cropped || frame.linesize[0] < 0) return false;
+  const bool needs_crop = frame.crop_left != 0 || frame.crop_top != 0;
+  if (needs_crop || frame.linesize[0] < 0) return false;
   out.on_device = frame.format == AV_PIX_FMT_CUDA;
   geometry::YuvPlanes& planes = out.planes;
   planes.width = frame.width;

@@ -8,11 +8,19 @@
 
 namespace stgs::encoder {
 
+// Returns whether NVDEC decodes a format to the pixels of the CPU.
+bool is_gpu_format(AVPixelFormat format);
+
+// Returns the format of a frame in GPU memory on the CPU. `stated`: that of the decoder, which may
+// already have changed to that of later frames.
+AVPixelFormat format_of_gpu_frame(const AVFrame& frame, AVPixelFormat stated);
+
 // Reduces the columns that are cropped at the left to those that FFmpeg crops from frames in host
 // memory.
 void align_gpu_crop(AVFrame& frame, AVPixelFormat stated);
 
-// Copies a frame in GPU memory to the host, and crops it. kRuntime if the GPU fails.
+// Copies a frame in GPU memory to the host, and crops it. kRuntime if FFmpeg reports that the GPU
+// has failed.
 Status copy_from_gpu(const AVFrame& from, AVFrame& to);
 
 // Sets the planes of a 4:2:0 frame, which may be in host memory. Returns false if it has yet to be

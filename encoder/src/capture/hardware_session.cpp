@@ -3,8 +3,10 @@
 
 #include <algorithm>
 #include <array>
+#include <span>
 
 #include "frame_converter.h"
+#include "gpu_frame.h"
 #include "h264_parameters.h"
 
 extern "C" {
@@ -15,22 +17,13 @@ extern "C" {
 namespace stgs::encoder {
 namespace {
 
-constexpr std::array kCodecs = {AV_CODEC_ID_H264, AV_CODEC_ID_HEVC, AV_CODEC_ID_VP9,
-                                AV_CODEC_ID_AV1};
-// FFmpeg's decoder of AV1 that uses hardware. Its default decoder does not.
-constexpr const char* kHardwareAv1 = "av1";
-// FFmpeg adds this number of surfaces to those that the stream needs.
+constexpr std::array kCodecs = {AV_CODEC_ID_H264, AV_CODEC_ID_HEVC, AV_CODEC_ID_VP9};
+// FFmpeg adds three surfaces to those that the stream needs; one is for its successors.
 constexpr int kWorkSurfaces = 4;
 
 bool is_hardware(AVPixelFormat format) {
   const AVPixFmtDescriptor* const layout = av_pix_fmt_desc_get(format);
   return layout != nullptr && (layout->flags & AV_PIX_FMT_FLAG_HWACCEL) != 0;
-}
-
-// The formats of which the decoded pixels are the same on the GPU.
-bool is_exact(AVPixelFormat format) {
-  return format == AV_PIX_FMT_YUV420P || format == AV_PIX_FMT_YUVJ420P ||
-         format == AV_PIX_FMT_YUV420P10;
 }
 
 template <typename Test>
@@ -50,22 +43,12 @@ std::size_t surface_bytes(const AVHWFramesContext& frames) {
 
 }  // namespace
 
-const AVCodec* HardwareSession::find_decoder(AVCodecID id) {
-  only_hardware_ = false;
-  const bool is_known = std::find(kCodecs.begin(), kCodecs.end(), id) != kCodecs.end();
-  if (decoding_.device && !is_known)
-    refuse(fmt::format("NVDEC does not decode {}", avcodec_get_name(id)));
-  if (decoding_.device && refusal_.empty() && id == AV_CODEC_ID_AV1) {
-    const AVCodec* const decoder = avcodec_find_decoder_by_name(kHardwareAv1);
-    only_hardware_ = decoder != nullptr;
-    if (only_hardware_) return decoder;
-    refuse("this build of FFmpeg decodes AV1 on the CPU alone");
-  }
-  return avcodec_find_decoder(id);
-}
-
 Status HardwareSession::attach(AVCodecContext& codec) {
-  if (!decoding_.device || !refusal_.empty()) return {};
+  if (!decoding_.device) return {};
+  if (std::find(kCodecs.begin(), kCodecs.end(), codec.codec_id) == kCodecs.end()) {
+    refuse(fmt::format("{} is decoded by the CPU alone", avcodec_get_name(codec.codec_id)));
+    return check();
+  }
   codec.hw_device_ctx = av_buffer_ref(decoding_.device->context());
   if (codec.hw_device_ctx == nullptr) return ffmpeg_error(AVERROR(ENOMEM));
   codec.opaque = this;
@@ -73,6 +56,18 @@ Status HardwareSession::attach(AVCodecContext& codec) {
     return static_cast<HardwareSession*>(asking->opaque)->choose(*asking, offered);
   };
   return {};
+}
+
+void HardwareSession::inspect(const AVCodecContext& codec, const AVPacket& packet) {
+  if (!decoding_.device || codec.codec_id != AV_CODEC_ID_H264 || !refusal_.empty()) return;
+  std::span<const std::uint8_t> parameters(
+      codec.extradata, static_cast<std::size_t>(std::max(codec.extradata_size, 0)));
+  std::size_t size = 0;
+  if (const std::uint8_t* const changed =
+          av_packet_get_side_data(&packet, AV_PKT_DATA_NEW_EXTRADATA, &size))
+    parameters = {changed, size};
+  const std::span packet_bytes(packet.data, static_cast<std::size_t>(packet.size));
+  is_grey_ = is_grey_ || is_grey_h264(parameters) || is_grey_h264_packet(parameters, packet_bytes);
 }
 
 Status HardwareSession::check() const {
@@ -94,7 +89,7 @@ std::string HardwareSession::find_refusal(AVCodecContext& codec, const AVPixelFo
   const char* const format = av_get_pix_fmt_name(codec.sw_pix_fmt);
   const bool has_gpu =
       first_of(offered, [](AVPixelFormat f) { return f == AV_PIX_FMT_CUDA; }) == AV_PIX_FMT_CUDA;
-  if (!is_exact(codec.sw_pix_fmt) || (!has_gpu && !offered_)) {
+  if (!is_gpu_format(codec.sw_pix_fmt) || (!has_gpu && !offered_)) {
     return fmt::format("NVDEC does not decode {} as {}", avcodec_get_name(codec.codec_id),
                        format == nullptr ? "an unknown format" : format);
   }
@@ -104,15 +99,14 @@ std::string HardwareSession::find_refusal(AVCodecContext& codec, const AVPixelFo
                        avcodec_get_name(codec.codec_id), codec.width, codec.height);
   }
   // Of these, FFmpeg leaves the chroma of frames in GPU memory undefined.
-  const auto bytes = static_cast<std::size_t>(std::max(codec.extradata_size, 0));
-  if (codec.codec_id == AV_CODEC_ID_H264 && is_grey_h264({codec.extradata, bytes}))
-    return "NVDEC does not decode h264 without colour";
+  if (is_grey_) return "NVDEC does not decode h264 without colour";
   // FFmpeg asks again without the GPU if that has failed.
   offered_ = has_gpu;
   if (has_gpu) return reserve(codec);
-  return fmt::format("the GPU does not decode {} of {}x{} pixels as {}",
-                     avcodec_get_name(codec.codec_id), codec.coded_width, codec.coded_height,
-                     format);
+  return fmt::format(
+      "NVDEC could not start with {} of {}x{} pixels as {}: the GPU does not decode "
+      "it, or its memory is full",
+      avcodec_get_name(codec.codec_id), codec.width, codec.height, format);
 }
 
 std::string HardwareSession::reserve(AVCodecContext& codec) {

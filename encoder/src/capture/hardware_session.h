@@ -15,19 +15,18 @@ class HardwareSession {
   HardwareSession(const HardwareSession&) = delete;
   HardwareSession& operator=(const HardwareSession&) = delete;
 
-  // Returns FFmpeg's decoder for a codec: one that uses the GPU if that decodes the codec, else the
-  // default. Null if there is none.
-  const AVCodec* find_decoder(AVCodecID id);
-  // Makes a decoder from find_decoder() use the GPU. Call it before avcodec_open2().
+  // Makes a decoder use the GPU if that decodes its codec. Call it before avcodec_open2().
   Status attach(AVCodecContext& codec);
+  // Inspects a packet that the decoder gets next.
+  void inspect(const AVCodecContext& codec, const AVPacket& packet);
 
-  // Returns why the CPU has to decode the video, "" if it need not (so far): known at last when the
-  // first frame was decoded.
+  // Returns why the CPU decodes the video; "" if the GPU does, or was not asked for. It is final
+  // with the first decoded frame.
   const std::string& refusal() const { return refusal_; }
   // Returns the error if the GPU refused, but is required.
   Status check() const;
-  // Returns whether the decoder only works on the GPU, which has refused: another is needed.
-  bool needs_other_decoder() const { return !refusal_.empty() && only_hardware_; }
+  // Returns whether the GPU decodes.
+  bool is_active() const { return reserved_ > 0; }
 
  private:
   // Chooses among the formats that FFmpeg's decoder offers; AV_PIX_FMT_NONE is an error.
@@ -39,7 +38,7 @@ class HardwareSession {
   void release();
 
   const VideoDecoding decoding_;
-  bool only_hardware_ = false;
+  bool is_grey_ = false;      // a packet states H.264 without chroma
   bool offered_ = false;      // FFmpeg has offered the GPU before
   std::size_t reserved_ = 0;  // bytes of device memory
   std::string refusal_;

@@ -17,6 +17,7 @@
 #include "plural.h"
 #include "serial_opencv.h"
 #include "stgs/encoder/camera_json.h"
+#include "stgs/encoder/device_image.h"
 #include "timing_file.h"
 
 namespace stgs::encoder {
@@ -75,11 +76,8 @@ class Rig final : public LivePreparer {
   }
 
   Status choose_backend(const LogSink& log) {
-    if (source_.files) {
-      STGS_ASSIGN(decoding_, choose_video_decoding(settings_, kEndless, log));
-    }
-    STGS_ASSIGN(warper_,
-                geometry::make_frame_warper(settings_.backend, settings_.share.index, log));
+    STGS_ASSIGN(decoding_, choose_video_decoding(settings_, has_video() ? kEndless : 0, log));
+    STGS_ASSIGN(changer_, choose_frame_changer(settings_, log));
     STGS_ASSIGN(sweeper_,
                 geometry::make_hull_sweeper(settings_.backend, settings_.share.index, log));
     STGS_ASSIGN(velocity_matcher_,
@@ -87,10 +85,18 @@ class Rig final : public LivePreparer {
     return {};
   }
 
+  // Returns whether a camera is read from a video or a stream.
+  bool has_video() const {
+    return std::any_of(source_.cameras.begin(), source_.cameras.end(), [&](const auto& camera) {
+      return source_.files && is_video_source(*source_.files, camera, settings_.allow_outside);
+    });
+  }
+
   const std::vector<LiveCamera>& cameras() const override { return cameras_; }
   double fps() const override { return fps_; }
 
   Result<Image8> convert(std::size_t camera, const LiveImage& image) override {
+    const KeptDevice kept;  // of the application, on whose thread the GPU is used
     try {
       return convert_image(camera, image);
     } catch (const std::exception& error) {
@@ -232,7 +238,7 @@ class Rig final : public LivePreparer {
       auto made = std::make_unique<Mapped>();
       STGS_ASSIGN(made->plan, plan_camera(source_.cameras[camera],
                                           {size.width, size.height, 0, fps_}, settings_.scale));
-      STGS_ASSIGN(made->mapping, FrameMapping::make(made->plan, warper_.get()));
+      STGS_ASSIGN(made->mapping, FrameMapping::make(made->plan, changer_));
       mapped = std::move(made);
     }
     const FrameInfo& first = mapped->plan.source;
@@ -275,8 +281,8 @@ class Rig final : public LivePreparer {
   double fps_ = 0;
   LiveClock clock_;
   VideoDecoding decoding_;
-  std::shared_ptr<geometry::FrameWarper> warper_;  // null: frames change on the CPU
-  std::vector<std::unique_ptr<Mapped>> mapped_;    // per camera; null: no frame yet
+  FrameChanger changer_;
+  std::vector<std::unique_ptr<Mapped>> mapped_;  // per camera; null: no frame yet
   std::once_flag started_;
   std::shared_ptr<init::LiveBackgrounds> backgrounds_;
   // Null: on the CPU.

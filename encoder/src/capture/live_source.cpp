@@ -256,23 +256,33 @@ class StreamClock {
   double offset_ = 0, stated_ = 0, arrival_ = 0;  // the latter two of the last frame
 };
 
-// Reads a stream until it breaks off. Sets `received` with its first frame.
+// Gives the current frame of a decoder to the sink.
+Status deliver(VideoDecoder& decoder, double seconds, const SourceFrameSink& sink,
+               const LiveReading& reading) {
+  STGS_ASSIGN(const FrameMapping* const mapping, reading.mapping(decoder.size()));
+  STGS_ASSIGN(const cv::Mat image, mapped_frame(decoder, *mapping));
+  return sink(seconds, image);
+}
+
+// Reads a stream until it breaks off, or until deliver() fails: then sets `failed`. Sets `received`
+// with its first frame.
 Status follow_stream(const std::string& url, const std::string& label, const LiveClock& clock,
-                     const SourceFrameSink& sink, const LiveReading& reading, bool& received) {
+                     const SourceFrameSink& sink, const LiveReading& reading, bool& received,
+                     bool& failed) {
   STGS_ASSIGN(const auto decoder,
               VideoDecoder::open_stream(url, label, reading.stopped, reading.decoding));
   StreamClock stream;
   while (!reading.stopped()) {
     STGS_ASSIGN(const bool has_frame, decoder->advance());
     if (!has_frame) return {};
-    STGS_ASSIGN(const FrameMapping* const mapping, reading.mapping(decoder->size()));
-    STGS_ASSIGN(const cv::Mat image, mapped_frame(*decoder, *mapping));
     const double seconds = stream.seconds(decoder->seconds(), clock.now());
     if (stream.jumped())
       reading.log(1, label + ": the timestamps of its stream jumped; realigned by arrival time");
     if (!received) log_decoder(label, decoder->decoded_by(), reading.log);
     received = true;
-    STGS_TRY(sink(seconds, image));
+    Status delivered = deliver(*decoder, seconds, sink, reading);
+    failed = !delivered.ok();
+    if (failed) return delivered;
   }
   return {};
 }
@@ -286,14 +296,10 @@ Status read_stream(const std::string& url, bool is_pipe, const SourceCamera& cam
   const LogSink& log = reading.log;
   bool reported = false;
   while (!stopped()) {
-    bool received = false;
-    Status status;
-    const auto checked = [&](double seconds, const cv::Mat& image) {
-      return status = sink(seconds, image);
-    };
-    const Status read = follow_stream(url, label, clock, checked, reading, received);
+    bool received = false, failed = false;
+    const Status read = follow_stream(url, label, clock, sink, reading, received, failed);
     if (stopped()) break;
-    if (!status.ok()) return status;
+    if (failed) return read;
     if (read.code() == StatusCode::kUnsupported && reading.decoding.required) return read;
     if (is_pipe) {
       log(2, fmt::format("{}: the pipe has ended", label));
@@ -358,6 +364,11 @@ double LiveClock::of_number(std::int64_t number) {
   const std::lock_guard lock(mutex_);
   if (!first_) first_ = {number, now()};
   return first_->second + static_cast<double>(number - first_->first) / fps_;
+}
+
+bool is_video_source(const CaptureFolder& files, const SourceCamera& camera, bool allow_outside) {
+  const auto found = kind_of(files, camera, allow_outside);
+  return found.ok() && found->first != SourceKind::kRecorded && found->first != SourceKind::kFolder;
 }
 
 Status check_live_source(const CaptureFolder& files, const SourceCamera& camera,

@@ -55,11 +55,10 @@ struct LiveReading {
 
 // Reads a camera until its source ends or reading.stopped returns true:
 // - a video, or the images of a recorded capture, at the rate of the rig: frame n at n / fps;
-// - a growing folder of images (`live_source`): every image that appears after the start, once it
-// is
-//   complete. Its time follows from the number in its name, or from its position if the names have
-//   no numbers. An image that cannot be decoded is skipped. The source ends kFolderSilence seconds
-//   after its last image;
+// - a growing folder of images (`live_source`): every image that appears after the start, when it
+//   is complete. Its time follows from the number in its name, or from its position if the names
+//   have no numbers. An image that cannot be decoded is skipped. The source ends kFolderSilence
+//   seconds after its last image;
 // - a stream or a named pipe (`live_source`), by its own timestamps, aligned by the frames that
 //   arrive with the least delay, and realigned after a jump of more than kMaxDrift seconds. A lost
 //   stream is opened again every second; a pipe ends with its writer.
@@ -67,6 +66,10 @@ struct LiveReading {
 // be read, kUnsupported for one that the required device cannot decode, and those of the sink.
 Status read_live_source(const CaptureFolder& files, const SourceCamera& camera, LiveClock& clock,
                         const SourceFrameSink& sink, const LiveReading& reading);
+
+// Returns whether a camera is read from a video, a pipe or a stream. False also if it has none of
+// the sources.
+bool is_video_source(const CaptureFolder& files, const SourceCamera& camera, bool allow_outside);
 
 // Checks the source of a camera before it is read: its kind, its existence, and that it does not
 // leave the folder of the rig. kUsage for a URL of another scheme than kStreamSchemes.

@@ -73,7 +73,7 @@ Status check(const PrepareSettings& settings) {
 // Also reports an unavailable backend or video decoder, even if the capture turns out to need none.
 Status check_all(const PrepareSettings& settings) {
   STGS_TRY(check(settings));
-  if (settings.video_decoder == "cuda") STGS_TRY(choose_video_decoding(settings, 0, {}).status());
+  STGS_TRY(choose_video_decoding(settings, 0, {}).status());
   return settings.backend == "auto"
              ? Status()
              : geometry::make_matcher(settings.backend, settings.share.index, {}).status();
@@ -234,7 +234,7 @@ class Preparer final : public WindowPreparer {
   }
 
  private:
-  // Returns the pixels in the frames of all windows; 0 without a video.
+  // Returns the pixels in all frames that are decoded of the longest video; 0 without a video.
   std::int64_t pixels_of_longest_video() const {
     std::int64_t most = 0;
     for (std::size_t i = 0; i < plans_.size(); ++i) {
@@ -257,8 +257,7 @@ class Preparer final : public WindowPreparer {
       STGS_ASSIGN(videos_.decoding, choose_video_decoding(settings_, pixels, log));
     }
     if (is_first && has_changes) {
-      STGS_ASSIGN(videos_.warper,
-                  geometry::make_frame_warper(settings_.backend, settings_.share.index, log));
+      STGS_ASSIGN(videos_.changer, choose_frame_changer(settings_, log));
     }
     STGS_TRY(write_frames(source_, plans_, window, videos_, progress));
     if (is_first) log_decoders(source_, videos_, log);

@@ -44,13 +44,12 @@ class FfmpegDecoder final : public VideoDecoder {
  private:
   Status open_track();
   Status open_codec();
-  Status open_decoder();
   void describe();
   // Returns whether decoding can start with a key frame, and a stored frame is one frame.
   bool has_independent_frames() const;
-  // Reads the next stored frame into packet_. Returns false at the end.
   // skip_to() without the name of the video in errors.
   Result<bool> try_to_skip(int first);
+  // Reads the next stored frame into packet_. Returns false at the end.
   Result<bool> read_stored();
   Result<std::vector<StoredFrame>> list_stored(std::size_t frames);
   // Sends the next stored frame to the decoder; after the last, signals the end.
@@ -60,7 +59,7 @@ class FfmpegDecoder final : public VideoDecoder {
   Status check_size() const;
   // Returns the current frame as BGR, before rotation. Throws cv::Exception.
   Result<cv::Mat> converted();
-  // Returns the pixel format of the video; that of a frame in GPU memory is none.
+  // Returns the pixel format of the current frame on the CPU.
   AVPixelFormat stated_format() const;
   // Adds the file, the frame and a remedy to an error.
   Status explained(const Status& status) const;
@@ -107,11 +106,13 @@ Status FfmpegDecoder::open(const std::string& name, std::function<bool()> stoppe
 }
 
 Status FfmpegDecoder::explained(const Status& status) const {
-  const char* remedy = "";
+  std::string remedy;
   if (status.code() == StatusCode::kInvalidFile && !stopped_)
     remedy = frame_ < 0 ? "; copy or encode the video again"
                         : "; copy or encode the video again, or select the frames before with "
                           "--frames";
+  // The GPU may have failed.
+  if (hardware_.is_active()) remedy = "; try --video-decoder cpu" + remedy;
   return {status.code(), fmt::format("{}: cannot decode frame {} ({}){}", label_, frame_ + 1,
                                      status.message(), remedy)};
 }
@@ -141,19 +142,11 @@ Status FfmpegDecoder::open_track() {
 }
 
 Status FfmpegDecoder::open_codec() {
-  Status status = open_decoder();
-  if (!hardware_.needs_other_decoder()) return status;
-  STGS_TRY(hardware_.check());
-  return open_decoder();
-}
-
-Status FfmpegDecoder::open_decoder() {
-  const AVCodec* const codec = hardware_.find_decoder(stream_->codecpar->codec_id);
+  const AVCodec* const codec = avcodec_find_decoder(stream_->codecpar->codec_id);
   if (codec == nullptr) {
     return unsupported("its codec, {}, is missing from FFmpeg; convert the video to H.264",
                        avcodec_get_name(stream_->codecpar->codec_id));
   }
-  STGS_TRY(hardware_.check());
   codec_.reset(avcodec_alloc_context3(codec));
   if (codec_ == nullptr) return ffmpeg_error(AVERROR(ENOMEM));
   int error = avcodec_parameters_to_context(codec_.get(), stream_->codecpar);
@@ -191,12 +184,9 @@ Status FfmpegDecoder::send_packet() {
   if (stopped_ && (packet_->flags & AV_PKT_FLAG_CORRUPT) != 0) return {};
   STGS_TRY(check_({packet_->data, static_cast<std::size_t>(packet_->size)}));
   if ((packet_->flags & AV_PKT_FLAG_CORRUPT) != 0) return invalid_file("cut short");
-  int error = avcodec_send_packet(codec_.get(), packet_.get());
+  hardware_.inspect(*codec_, *packet_);
+  const int error = avcodec_send_packet(codec_.get(), packet_.get());
   STGS_TRY(hardware_.check());
-  if (error < 0 && hardware_.needs_other_decoder()) {
-    STGS_TRY(open_decoder());
-    error = avcodec_send_packet(codec_.get(), packet_.get());
-  }
   if (error == AVERROR_INVALIDDATA && stopped_ && ++damaged_ < kMaxDamaged) return {};
   return error < 0 ? ffmpeg_error(error) : Status();
 }
@@ -309,7 +299,7 @@ Result<bool> FfmpegDecoder::advance() {
   }
   ++frame_;
   damaged_ = 0;
-  if (decoded_->format == AV_PIX_FMT_CUDA) align_gpu_crop(*decoded_, codec_->sw_pix_fmt);
+  if (decoded_->format == AV_PIX_FMT_CUDA) align_gpu_crop(*decoded_, stated_format());
   if (width_ == 0) {
     width_ = decoded_->width;
     height_ = decoded_->height;
@@ -331,7 +321,7 @@ cv::Size FfmpegDecoder::size() const {
 }
 
 AVPixelFormat FfmpegDecoder::stated_format() const {
-  return decoded_->format == AV_PIX_FMT_CUDA ? codec_->sw_pix_fmt
+  return decoded_->format == AV_PIX_FMT_CUDA ? format_of_gpu_frame(*decoded_, codec_->sw_pix_fmt)
                                              : static_cast<AVPixelFormat>(decoded_->format);
 }
 
@@ -346,7 +336,7 @@ std::optional<geometry::YuvFrame> FfmpegDecoder::yuv() {
 Result<cv::Mat> FfmpegDecoder::converted() {
   if (decoded_->format != AV_PIX_FMT_CUDA) return converter_.convert(*decoded_, stated_format());
   STGS_TRY(copy_from_gpu(*decoded_, *copied_));
-  return converter_.convert(*copied_, codec_->sw_pix_fmt);
+  return converter_.convert(*copied_, stated_format());
 }
 
 Result<cv::Mat> FfmpegDecoder::image() {

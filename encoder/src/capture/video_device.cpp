@@ -38,8 +38,9 @@ Status check_decoder_library() {
     return {};
   }
   return unsupported(
-      "{}, the video decoder of the NVIDIA driver, was not found; in a container, set "
-      "NVIDIA_DRIVER_CAPABILITIES=compute,video",
+      "{}, the video decoder of the NVIDIA driver, was not found; install it (Debian: "
+      "libnvcuvid1), "
+      "or add 'video' to NVIDIA_DRIVER_CAPABILITIES of a container",
       kDecoderLibrary);
 }
 

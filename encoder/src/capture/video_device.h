@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The video decoder of an NVIDIA GPU (NVDEC), which FFmpeg's decoders of H.264, HEVC, VP9 and AV1
-// can use.
+// The video decoder of an NVIDIA GPU (NVDEC), which FFmpeg's decoders of H.264, HEVC and VP9 can
+// use.
 #pragma once
 
 #include <cstddef>

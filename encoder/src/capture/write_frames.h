@@ -34,9 +34,9 @@ struct SourceVideo {
 // The videos of a capture while their frames are written range by range, one after the other.
 struct OpenVideos {
   VideoDecoding decoding;
-  std::shared_ptr<geometry::FrameWarper> warper;  // null: frames change on the CPU
-  std::vector<SourceVideo> videos;                // per camera
-  int next_frame = 0;                             // of the source
+  FrameChanger changer;
+  std::vector<SourceVideo> videos;  // per camera
+  int next_frame = 0;               // of the source
 };
 
 // Writes frames/ and the given masks/ to capture.folder and capture.memory, on all threads; with

@@ -52,7 +52,8 @@ class FrameWarp {
 class FrameWarper {
  public:
   virtual ~FrameWarper() = default;
-  // kRuntime if the GPU fails.
+  // All cameras together get a quarter of the GPU memory that was free when the object was made.
+  // kNoMemory if the camera needs more than is left, kRuntime if the GPU fails.
   virtual Result<std::unique_ptr<FrameWarp>> make(const WarpCamera& camera) = 0;
 };
 

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The pixels of converted, undistorted and scaled frames, for the CPU and CUDA. They are those of
-// FFmpeg's swscale (bicubic chroma, accurate rounding) and of OpenCV's remap() (cubic) and resize()
-// (INTER_AREA), whose integer arithmetic this follows.
+// The pixels of converted, undistorted and scaled frames, for the CPU and CUDA. Conversion equals
+// that of FFmpeg's swscale (bicubic chroma, accurate rounding), and undistortion OpenCV's remap()
+// (cubic), whose integer arithmetic this follows. Scaling differs from OpenCV's resize()
+// (INTER_AREA) by at most 1, because sums of floats depend on the compiler.
 #pragma once
 
 #include <cstddef>
@@ -99,11 +100,13 @@ STGS_FN Bgr yuv_pixel(const YuvPlanes& image, const YuvCoefficients& c, const Ch
                       const ChromaTaps& row, int x, int y) {
   const int u = chroma_at(image, image.u, column, row), v = chroma_at(image, image.v, column, row);
   const int luma = yuv_sample(image, image.luma, y * image.luma_stride, x) << (17 - image.bits);
-  const int grey = (luma - c.y_offset) * c.y_factor + (1 << 21);
+  // Sums of extreme colours wrap around, as in swscale.
+  const auto product = [](int a, int b) { return unsigned(a) * unsigned(b); };
+  const unsigned grey = product(luma - c.y_offset, c.y_factor) + (1u << 21);
   Bgr out;
-  out.b = colour_byte(grey + u * c.u_to_b);
-  out.g = colour_byte(grey + v * c.v_to_g + u * c.u_to_g);
-  out.r = colour_byte(grey + v * c.v_to_r);
+  out.b = colour_byte(int(grey + product(u, c.u_to_b)));
+  out.g = colour_byte(int(grey + product(v, c.v_to_g) + product(u, c.u_to_g)));
+  out.r = colour_byte(int(grey + product(v, c.v_to_r)));
   return out;
 }
 

@@ -141,9 +141,10 @@ typedef struct stgs_prepare_settings {
                                     * folder; default 0 */
   int32_t trust_calibration;       /* 1: only warn if a mistake in the calibration is found; 0
                                     * (default): STGS_ERROR_INVALID_FILE */
-  stgs_backend backend;            /* of stereo, sweeps, motion, velocities and of decoding videos,
-                                    * as in stgs_train_settings. Videos that the device cannot
-                                    * decode are decoded by the CPU */
+  stgs_backend backend;            /* of stereo, sweeps, motion and velocities, of decoding and
+                                    * undistorting frames, as in stgs_train_settings. Videos that
+                                    * the device cannot decode, and short ones, are decoded by the
+                                    * CPU: --video-decoder auto of the program */
 } stgs_prepare_settings;
 
 /* Fills settings with the defaults. `struct_size` is sizeof(*settings). */

@@ -47,8 +47,10 @@ struct PrepareSettings {
   int max_dynamic_points = 0;
   int max_static_points = 0;
   std::uint64_t seed = 1;
-  std::string backend = "auto";  // of stereo, sweeps, motion, velocities: auto, cpu, cuda
-  // What decodes videos: "cpu"; "cuda", the NVIDIA GPU's decoder of H.264, HEVC, VP9 and AV1, an
+  // Of converting and undistorting frames, of stereo, sweeps, motion and velocities: "auto", "cpu",
+  // "cuda".
+  std::string backend = "auto";
+  // What decodes videos: "cpu"; "cuda", the NVIDIA GPU's decoder of H.264, HEVC and VP9, an
   // error (kUnsupported, kNotBuilt) if it cannot be used; "auto", the GPU where it can be used
   // and the videos are long enough for its start to pay, unless the backend is "cpu". The frames
   // are the same.

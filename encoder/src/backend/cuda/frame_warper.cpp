@@ -33,14 +33,57 @@ std::size_t pixels_in(int width, int height) {
   return static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
 }
 
-// Copies a table to the device, and waits.
+// Copies a table to the device, in the order of the stream.
 template <typename T>
-Status upload(const std::vector<T>& values, DeviceArray<T>& array) {
+Status upload(const std::vector<T>& values, DeviceArray<T>& array, const cuda::Stream& stream) {
   STGS_TRY(array.ensure(values.size()));
-  return cuda_status(
-      cudaMemcpy(array.data(), values.data(), values.size() * sizeof(T), cudaMemcpyHostToDevice),
-      "uploading a table");
+  return cuda_status(cudaMemcpyAsync(array.data(), values.data(), values.size() * sizeof(T),
+                                     cudaMemcpyHostToDevice, stream),
+                     "uploading a table");
 }
+
+// The device memory of the tables and of one lane for a camera, bytes.
+struct WarpBytes {
+  std::size_t tables, lane;
+};
+
+WarpBytes bytes_of(const WarpCamera& camera) {
+  const std::size_t source = pixels_in(camera.source_width, camera.source_height);
+  // Of two bytes per sample: planes; of four channels: the source; the undistorted image.
+  constexpr std::size_t kLaneBytes = 3 + 4 + 3;
+  return {camera.map_x == nullptr ? 0 : source * sizeof(WarpPosition),
+          source * kLaneBytes + 3 * pixels_in(camera.width, camera.height)};
+}
+
+// The budget of the device memory. Thread-safe.
+class WarpMemory {
+ public:
+  // `limit`: bytes.
+  void set_limit(std::size_t limit) { limit_ = limit; }
+  // Reserves the tables of a camera, and returns whether they fit next to one lane.
+  bool reserve(const WarpBytes& camera) {
+    const std::lock_guard lock(mutex_);
+    const std::size_t lane = std::max(lane_, camera.lane);
+    if (camera.tables > limit_ - tables_ || lane > limit_ - tables_ - camera.tables) return false;
+    tables_ += camera.tables;
+    lane_ = lane;
+    return true;
+  }
+  void release(std::size_t tables) {
+    const std::lock_guard lock(mutex_);
+    tables_ -= tables;
+  }
+  std::size_t max_lanes() const {
+    const std::lock_guard lock(mutex_);
+    const std::size_t fitting = lane_ == 0 ? kMaxWarpLanes : (limit_ - tables_) / lane_;
+    return std::clamp<std::size_t>(fitting, 1, kMaxWarpLanes);
+  }
+
+ private:
+  mutable std::mutex mutex_;
+  std::size_t limit_ = 0, tables_ = 0;
+  std::size_t lane_ = 0;  // of the largest camera
+};
 
 // The tables of a camera on the device.
 struct CameraTables {
@@ -56,15 +99,33 @@ struct CameraTables {
     height = camera.height;
     undistorts = camera.map_x != nullptr;
     scales = width != source_width || height != source_height;
-    if (undistorts) {
-      std::vector<WarpPosition> made(pixels_in(source_width, source_height));
-      for (std::size_t i = 0; i < made.size(); ++i)
-        made[i] = geometry::warp_position(camera.map_x[i], camera.map_y[i]);
-      STGS_TRY(upload(made, positions));
+    cuda::Stream stream;
+    STGS_TRY(stream.create());
+    if (undistorts) STGS_TRY(upload_positions(camera, stream));
+    if (scales) {
+      STGS_TRY(upload(geometry::area_spans(source_width, width), columns, stream));
+      STGS_TRY(upload(geometry::area_spans(source_height, height), rows, stream));
     }
-    if (!scales) return {};
-    STGS_TRY(upload(geometry::area_spans(source_width, width), columns));
-    return upload(geometry::area_spans(source_height, height), rows);
+    return stream.wait();
+  }
+
+ private:
+  // In blocks, whose copies return when they have read the host memory.
+  Status upload_positions(const WarpCamera& camera, const cuda::Stream& stream) {
+    constexpr std::size_t kBlock = std::size_t{1} << 20;
+    const std::size_t count = pixels_in(source_width, source_height);
+    STGS_TRY(positions.ensure(count));
+    std::vector<WarpPosition> made;
+    for (std::size_t first = 0; first < count; first += made.size()) {
+      made.clear();
+      for (std::size_t i = first; i < std::min(first + kBlock, count); ++i)
+        made.push_back(geometry::warp_position(camera.map_x[i], camera.map_y[i]));
+      STGS_TRY(cuda_status(
+          cudaMemcpyAsync(positions.data() + first, made.data(), made.size() * sizeof(WarpPosition),
+                          cudaMemcpyHostToDevice, stream),
+          "uploading a table"));
+    }
+    return {};
   }
 };
 
@@ -107,8 +168,8 @@ class WarpLane {
     STGS_TRY(frame.on_device ? wait_for_decoder() : upload_planes(planes));
     if (rule_ != frame.rule) {
       rule_.reset();
-      STGS_TRY(upload(frame.rule->columns, columns_));
-      STGS_TRY(upload(frame.rule->rows, rows_));
+      STGS_TRY(upload(frame.rule->columns, columns_, stream_));
+      STGS_TRY(upload(frame.rule->rows, rows_, stream_));
       rule_ = frame.rule;
     }
     STGS_TRY(source_.ensure(3 * pixels_in(planes.width, planes.height)));
@@ -192,24 +253,29 @@ class WarpLanes {
   Status create(int gpu) {
     gpu_ = gpu;
     free_.reserve(kMaxWarpLanes);
-    return upload(geometry::warp_weights(), weights_);
+    std::size_t free = 0, total = 0;
+    STGS_TRY(cuda_status(cudaMemGetInfo(&free, &total), "querying the GPU"));
+    memory_.set_limit(free / 4);
+    cuda::Stream stream;
+    STGS_TRY(stream.create());
+    STGS_TRY(upload(geometry::warp_weights(), weights_, stream));
+    return stream.wait();
   }
 
   template <typename Frame>
   Status run(const CameraTables& camera, const Frame& frame, std::uint8_t* out) {
     const std::shared_ptr<WarpLane> lane(take().release(),
                                          [this](WarpLane* used) { give_back(used); });
-    const Status status = lane->run(camera, frame, out);
-    if (status.code() != StatusCode::kRuntime) return status;
-    return {status.code(), status.message() + "; or use --backend cpu"};
+    return lane->run(camera, frame, out);
   }
 
   int gpu() const { return gpu_; }
+  WarpMemory& memory() { return memory_; }
 
  private:
   std::unique_ptr<WarpLane> take() {
     std::unique_lock lock(mutex_);
-    returned_.wait(lock, [this] { return !free_.empty() || lanes_ < kMaxWarpLanes; });
+    returned_.wait(lock, [this] { return !free_.empty() || lanes_ < memory_.max_lanes(); });
     if (free_.empty()) {
       auto lane = std::make_unique<WarpLane>(gpu_, weights_.data());
       ++lanes_;
@@ -223,10 +289,15 @@ class WarpLanes {
   void give_back(WarpLane* lane) {
     const std::lock_guard lock(mutex_);
     free_.emplace_back(lane);
+    if (lanes_ > memory_.max_lanes()) {  // larger cameras have come
+      free_.pop_back();
+      --lanes_;
+    }
     returned_.notify_one();
   }
 
   int gpu_ = 0;
+  WarpMemory memory_;
   DeviceArray<std::int16_t> weights_;
   std::mutex mutex_;
   std::condition_variable returned_;
@@ -236,18 +307,22 @@ class WarpLanes {
 
 class CudaFrameWarp final : public geometry::FrameWarp {
  public:
-  CudaFrameWarp(WarpLanes& lanes, std::unique_ptr<CameraTables> camera)
-      : lanes_(lanes), camera_(std::move(camera)) {}
+  // The memory of the camera has been reserved.
+  CudaFrameWarp(WarpLanes& lanes, std::size_t table_bytes)
+      : lanes_(lanes), table_bytes_(table_bytes) {}
+  ~CudaFrameWarp() override { lanes_.memory().release(table_bytes_); }
+  Status set(const WarpCamera& camera) { return camera_.set(camera); }
   Status run(const YuvFrame& frame, std::uint8_t* out) const override {
-    return lanes_.run(*camera_, frame, out);
+    return lanes_.run(camera_, frame, out);
   }
   Status run(const PackedImage& image, std::uint8_t* out) const override {
-    return lanes_.run(*camera_, image, out);
+    return lanes_.run(camera_, image, out);
   }
 
  private:
   WarpLanes& lanes_;
-  const std::unique_ptr<CameraTables> camera_;
+  const std::size_t table_bytes_;
+  CameraTables camera_;
 };
 
 class CudaFrameWarper final : public geometry::FrameWarper {
@@ -255,10 +330,18 @@ class CudaFrameWarper final : public geometry::FrameWarper {
   Status create(int gpu) { return lanes_.create(gpu); }
   Result<std::unique_ptr<geometry::FrameWarp>> make(const WarpCamera& camera) override {
     STGS_TRY(cuda_status(cudaSetDevice(lanes_.gpu()), "choosing the GPU"));
-    auto tables = std::make_unique<CameraTables>();
-    STGS_TRY(tables->set(camera));
-    return std::unique_ptr<geometry::FrameWarp>(
-        std::make_unique<CudaFrameWarp>(lanes_, std::move(tables)));
+    const WarpBytes bytes = bytes_of(camera);
+    if (!lanes_.memory().reserve(bytes)) {
+      const double needed = static_cast<double>(bytes.tables + bytes.lane);
+      return Status(
+          StatusCode::kNoMemory,
+          fmt::format("its frames of {}x{} pixels need {} of GPU memory, but frames get "
+                      "only a quarter of the memory that was free",
+                      camera.source_width, camera.source_height, cuda::bytes_text(needed)));
+    }
+    auto warp = std::make_unique<CudaFrameWarp>(lanes_, bytes.tables);
+    STGS_TRY(warp->set(camera));
+    return std::unique_ptr<geometry::FrameWarp>(std::move(warp));
   }
 
  private:
