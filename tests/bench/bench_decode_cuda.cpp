@@ -50,7 +50,7 @@ void measure(const SceneReader& reader, int copies) {
     }
   }
   player::cuda::SegmentDecoder decoder;
-  check(decoder.set_tables(reader.tables()));
+  check(decoder.set_tables(reader.tables(), nullptr));
   cudaEvent_t first = nullptr, last = nullptr;
   check_cuda(cudaEventCreate(&first));
   check_cuda(cudaEventCreate(&last));

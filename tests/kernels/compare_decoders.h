@@ -52,7 +52,8 @@ inline std::string compare_decoders(const SceneReader& reader, bool with_sh, Tim
     views.push_back(sets.back().view());
   }
   player::cuda::SegmentDecoder decoder;
-  if (Status status = decoder.set_tables(reader.tables()); !status.ok()) return status.message();
+  if (Status status = decoder.set_tables(reader.tables(), nullptr); !status.ok())
+    return status.message();
   if (Status status = decoder.prepare(segments, views); !status.ok()) return status.message();
   if (Status status = decoder.launch(nullptr); !status.ok()) return status.message();
   const Result<std::vector<bool>> intact = decoder.finish();

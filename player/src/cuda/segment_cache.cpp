@@ -77,7 +77,7 @@ Status SegmentCache::create() {
 }
 
 Status SegmentCache::begin(const SceneReader& reader) {
-  return decoder_.set_tables(reader.tables());
+  return decoder_.set_tables(reader.tables(), stream_.get());
 }
 
 // Freed memory stays in the pool. Trims it first, since blocks of another scene may not fit.

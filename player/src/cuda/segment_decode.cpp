@@ -315,11 +315,11 @@ class SegmentDecoder::Plan {
   std::vector<std::uint32_t> group_sizes_;
 };
 
-Status SegmentDecoder::set_tables(std::span<const RansLookup> tables) {
+Status SegmentDecoder::set_tables(std::span<const RansLookup> tables, cudaStream_t stream) {
   STGS_TRY(tables_.ensure(tables.size_bytes()));
-  return cuda_status(
-      cudaMemcpy(tables_.data(), tables.data(), tables.size_bytes(), cudaMemcpyHostToDevice),
-      "uploading tables");
+  return cuda_status(cudaMemcpyAsync(tables_.data(), tables.data(), tables.size_bytes(),
+                                     cudaMemcpyHostToDevice, stream),
+                     "uploading tables");
 }
 
 Status SegmentDecoder::prepare(std::span<const CodedSegment* const> segments,

@@ -32,8 +32,9 @@ class SegmentDecoder {
   SegmentDecoder(const SegmentDecoder&) = delete;
   SegmentDecoder& operator=(const SegmentDecoder&) = delete;
 
-  // Sets the tables that the records of segments refer to (SceneReader::tables). Waits.
-  Status set_tables(std::span<const RansLookup> tables);
+  // Sets the tables that the records of segments refer to (SceneReader::tables), in the order of
+  // the stream, which launch() has to get, too.
+  Status set_tables(std::span<const RansLookup> tables, cudaStream_t stream);
   // Prepares the decoding of segments[i] to to[i]. Missing spherical harmonics become 0. The
   // segments need not outlive the call. No launch may be in flight. kNoMemory if the device is out
   // of memory.

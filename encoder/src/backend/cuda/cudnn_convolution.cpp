@@ -27,9 +27,12 @@ std::vector<float> channels_last(const std::vector<float>& weight, int in, int o
 
 Status upload_weights(const std::vector<float>& values, DeviceArray<float>& array) {
   STGS_TRY(array.ensure(values.size()));
-  return cuda_status(cudaMemcpy(array.data(), values.data(), values.size() * sizeof(float),
-                                cudaMemcpyHostToDevice),
-                     "uploading the weights of the perceptual loss");
+  constexpr const char* kTask = "uploading the weights of the perceptual loss";
+  STGS_TRY(cuda_status(cudaMemcpy(array.data(), values.data(), values.size() * sizeof(float),
+                                  cudaMemcpyHostToDevice),
+                       kTask));
+  // A copy from pageable memory may return before its end, and other streams do not wait for it.
+  return cuda_status(cudaStreamSynchronize(cudaStreamLegacy), kTask);
 }
 
 Status CudnnConvolution::create_forward(const Cudnn& cudnn, const FeatureStage& stage, int in,
