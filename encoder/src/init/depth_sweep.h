@@ -63,7 +63,8 @@ struct WantedDepth {
   std::vector<int> others;  // empty: the depth is unknown
   SweepPlanes planes;
 };
-// Sweeps views of `images`. `gpu`: null for the CPU. One pass of a stage of `work`.
+// Sweeps views of `images`. `gpu`: null for the CPU. One pass of a stage of `work`, which is
+// checked for cancellation.
 Status sweep_views(const std::vector<SweepImage>& images, const std::vector<WantedDepth>& wanted,
                    geometry::ViewSweeper* gpu, Work& work, std::vector<DepthMap>* out);
 
