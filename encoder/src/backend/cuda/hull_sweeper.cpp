@@ -238,13 +238,13 @@ class Lane {
   }
 
   cuda::Stream stream_;
-  Uploaded<float> hiding_;
-  Uploaded<std::uint32_t> corners_;
-  Uploaded<std::uint8_t> masks_;
-  Uploaded<HullRay> device_rays_;
-  Uploaded<HullSample> device_samples_;
-  Uploaded<HullSpan> device_spans_;
-  Uploaded<HullLimit> device_limits_;
+  Uploaded<float> hiding_{"silhouettes"};
+  Uploaded<std::uint32_t> corners_{"images of dynamic content"};
+  Uploaded<std::uint8_t> masks_{"motion masks"};
+  Uploaded<HullRay> device_rays_{"rays to silhouettes"};
+  Uploaded<HullSample> device_samples_{"pixels of dynamic content"};
+  Uploaded<HullSpan> device_spans_{"depths of the visual hull"};
+  Uploaded<HullLimit> device_limits_{"limits of plane sweeps"};
   cuda::RegionSweeper sweeper_;
   const int gpu_;
   std::vector<const float*> hiding_at_;        // per silhouette, on the device

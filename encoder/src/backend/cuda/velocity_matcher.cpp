@@ -89,8 +89,8 @@ class CudaVelocityMatcher final : public geometry::VelocityMatcher {
 
   cuda::SerialGpu gpu_;
   const cuda::Stream& stream_ = gpu_.stream();
-  cuda::Uploaded<MatchPoint> points_;
-  cuda::Uploaded<cuda::MatchedClouds> device_pairs_;
+  cuda::Uploaded<MatchPoint> points_{"dynamic points"};
+  cuda::Uploaded<cuda::MatchedClouds> device_pairs_{"pairs of frames"};
   DeviceArray<std::uint32_t> neighbours_;
   DeviceArray<std::uint8_t> neighbour_counts_;
   DeviceArray<Vec3> matched_, device_steps_;

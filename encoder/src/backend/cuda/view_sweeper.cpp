@@ -88,7 +88,8 @@ class CudaViewSweeper final : public geometry::ViewSweeper {
 
   cuda::SerialGpu gpu_;
   const cuda::Stream& stream_ = gpu_.stream();
-  cuda::Uploaded<std::uint32_t> corners_, usable_;
+  cuda::Uploaded<std::uint32_t> corners_{"images of static content"};
+  cuda::Uploaded<std::uint32_t> usable_{"masks of static content"};
   cuda::RegionSweeper sweeper_;
   std::vector<SweepSource> images_;  // on the device
 };
