@@ -191,7 +191,8 @@ Status MotionLane::start_background(const MotionSequence& sequence) {
     return {};
   };
   STGS_TRY(upload(copy, 0, bytes, chunk_.background.colour));
-  launch_background(size_, chunk_.background, geometry::threshold_base(sequence.noise), stream_);
+  launch_background(size_, chunk_.background,
+                    static_cast<float>(geometry::threshold_base(sequence.noise)), stream_);
   return clear(chunk_.moving, 0, (kMotionChunk + 1) * pixels_of(size_));
 }
 
