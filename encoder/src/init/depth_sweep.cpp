@@ -19,13 +19,6 @@ namespace {
 using geometry::CostVolume;
 using geometry::kImpossible;
 
-geometry::SweepCamera sweep_camera(const View& view) {
-  geometry::SweepCamera out{view.fx, view.fy, view.cx, view.cy, {}, {}};
-  std::copy_n(view.rotation.val, 9, out.rotation);
-  std::copy_n(view.translation.val, 3, out.translation);
-  return out;
-}
-
 geometry::SweepSource sweep_source(const SweepImage& image) {
   return {image.corners.data(), image.usable_words.empty() ? nullptr : image.usable_words.data(),
           image.view.width, image.view.height};
@@ -180,6 +173,13 @@ Status sweep_on_gpu(const std::vector<SweepImage>& images, const std::vector<Wan
 }
 
 }  // namespace
+
+geometry::SweepCamera sweep_camera(const View& view) {
+  geometry::SweepCamera out{view.width, view.height, view.fx, view.fy, view.cx, view.cy, {}, {}};
+  std::copy_n(view.rotation.val, 9, out.rotation);
+  std::copy_n(view.translation.val, 3, out.translation);
+  return out;
+}
 
 DepthMap blank_map(cv::Size size) {
   return {cv::Mat(size, CV_32F, cv::Scalar(0)), cv::Mat(size, CV_32F, cv::Scalar(1))};

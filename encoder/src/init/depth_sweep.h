@@ -8,6 +8,7 @@
 #include <opencv2/core.hpp>
 #include <vector>
 
+#include "geometry/sweep_mapping.h"
 #include "geometry/view_sweeper.h"
 #include "init/view.h"
 #include "init/work.h"
@@ -25,6 +26,8 @@ struct SweepImage {
 };
 // Scales the image to the size of the view. An empty `usable` marks every pixel usable.
 SweepImage make_sweep_image(const View& view, const cv::Mat& rgb, const cv::Mat& usable = {});
+
+geometry::SweepCamera sweep_camera(const View& view);
 
 // The planes of a sweep, evenly spaced in inverse depth.
 struct SweepPlanes {
