@@ -142,20 +142,20 @@ class SweepProblem {
     sweep.planes = wanted.planes.planes;
     sweep.depth = map.depth.ptr<float>();
     sweep.cost = map.cost.ptr<float>();
-    sweeps_.sweeps.push_back(std::move(sweep));
+    problem_.sweeps.push_back(std::move(sweep));
     return true;
   }
-  const geometry::ViewSweeps& sweeps() const { return sweeps_; }
+  const geometry::ViewSweeps& problem() const { return problem_; }
 
  private:
   int add_image(int image) {
-    const auto [at, is_new] = added_.try_emplace(image, int(sweeps_.images.size()));
-    if (is_new) sweeps_.images.push_back(sweep_source(images_[image]));
+    const auto [at, is_new] = added_.try_emplace(image, int(problem_.images.size()));
+    if (is_new) problem_.images.push_back(sweep_source(images_[image]));
     return at->second;
   }
 
   const std::vector<SweepImage>& images_;
-  geometry::ViewSweeps sweeps_;
+  geometry::ViewSweeps problem_;
   std::map<int, int> added_;  // index in the problem of each image
   std::size_t volume_ = 0;
 };
@@ -164,10 +164,10 @@ Status sweep_on_gpu(const std::vector<SweepImage>& images, const std::vector<Wan
                     geometry::ViewSweeper& gpu, const Work& work, std::vector<DepthMap>* out) {
   for (std::size_t next = 0; next < wanted.size();) {
     STGS_TRY(work.check());
-    SweepProblem problem(images);
+    SweepProblem batch(images);
     for (; next < wanted.size(); ++next)
-      if (!wanted[next].others.empty() && !problem.add(wanted[next], (*out)[next])) break;
-    if (!problem.sweeps().sweeps.empty()) STGS_TRY(gpu.run(problem.sweeps()));
+      if (!wanted[next].others.empty() && !batch.add(wanted[next], (*out)[next])) break;
+    if (!batch.problem().sweeps.empty()) STGS_TRY(gpu.run(batch.problem()));
   }
   return {};
 }

@@ -31,44 +31,49 @@ bool is_within_limits(const PairCost& cost) {
          cost.bytes <= geometry::kMaxProblemCost.bytes;
 }
 
-// Returns the end of the matches from `first` on that are a problem; at least one.
-std::size_t problem_end(const std::vector<DynamicFrame>& frames,
-                        const std::vector<FrameMatch>& matches, std::size_t first) {
-  PairCost sum = cost_of(frames, matches[first]);
-  std::size_t end = first + 1;
-  for (; end < matches.size() && end - first < geometry::kMaxProblemPairs; ++end) {
-    const PairCost next = cost_of(frames, matches[end]);
-    sum = {sum.comparisons + next.comparisons, sum.bytes + next.bytes};
-    if (!is_within_limits(sum)) break;
-  }
-  return end;
-}
-
-// Adds the points of frames that are used the first time.
-class ProblemBuilder {
+// Matches for a GPU, with the frames that they use.
+class MatchProblem {
  public:
-  ProblemBuilder(const std::vector<DynamicFrame>& frames, const cv::Vec3d& origin, double reach)
+  MatchProblem(const std::vector<DynamicFrame>& frames, const cv::Vec3d& origin, double reach)
       : frames_(frames), origin_(origin) {
-    problem.reach = reach;
-  }
-  void add(const FrameMatch& match) {
-    const std::size_t from = add_frame(match.from), to = add_frame(match.to);
-    problem.pairs.push_back({from, to});
+    problem_.reach = reach;
   }
 
-  VelocityProblem problem;
+  // Adds a match unless it exceeds the limits of a problem. Returns whether it did.
+  bool add(const FrameMatch& match) {
+    const PairCost cost = cost_of(frames_, match);
+    const PairCost sum{sum_.comparisons + cost.comparisons, sum_.bytes + cost.bytes};
+    const bool fits = is_within_limits(sum) && problem_.pairs.size() < geometry::kMaxProblemPairs;
+    if (!fits && !problem_.pairs.empty()) return false;
+    sum_ = sum;
+    const std::size_t from = add_frame(match.from), to = add_frame(match.to);
+    problem_.pairs.push_back({from, to});
+    return true;
+  }
+  VelocityProblem& problem() { return problem_; }
 
  private:
   std::size_t add_frame(int frame) {
-    const auto [at, is_new] = added_.try_emplace(frame, problem.frames.size());
-    if (is_new) problem.frames.push_back(match_points(frames_[frame].points, origin_));
+    const auto [at, is_new] = added_.try_emplace(frame, problem_.frames.size());
+    if (is_new) problem_.frames.push_back(match_points(frames_[frame].points, origin_));
     return at->second;
   }
 
   const std::vector<DynamicFrame>& frames_;
   const cv::Vec3d origin_;
+  VelocityProblem problem_;
   std::map<int, std::size_t> added_;  // index in the problem of each frame
+  PairCost sum_;
 };
+
+void take_steps(const geometry::FramePair& pair, const FrameMatch& match,
+                std::vector<Velocities>* out) {
+  Velocities& velocities = (*out)[match.from];
+  for (std::size_t i = 0; i < velocities.size(); ++i) {
+    const math::Vec3 step = pair.steps[i];
+    velocities[i] = cv::Vec3d(step.x, step.y, step.z) * match.per_frame;
+  }
+}
 
 }  // namespace
 
@@ -90,20 +95,14 @@ geometry::VelocityMatcher* affordable_gpu(geometry::VelocityMatcher* gpu,
 Status match_on_gpu(const std::vector<DynamicFrame>& frames, const std::vector<FrameMatch>& matches,
                     double reach, geometry::VelocityMatcher& gpu, const Work& work,
                     std::vector<Velocities>* out) {
-  for (std::size_t first = 0; first < matches.size();) {
+  for (std::size_t next = 0; next < matches.size();) {
     STGS_TRY(work.check());
-    const std::size_t end = problem_end(frames, matches, first);
-    ProblemBuilder builder(frames, frames[matches[0].from].points[0].position, reach);
-    for (std::size_t k = first; k < end; ++k) builder.add(matches[k]);
-    STGS_TRY(gpu.run(builder.problem));
-    for (std::size_t k = first; k < end; ++k) {
-      Velocities& velocities = (*out)[matches[k].from];
-      for (std::size_t i = 0; i < velocities.size(); ++i) {
-        const math::Vec3 step = builder.problem.pairs[k - first].steps[i];
-        velocities[i] = cv::Vec3d(step.x, step.y, step.z) * matches[k].per_frame;
-      }
-    }
-    first = end;
+    const std::size_t first = next;
+    MatchProblem batch(frames, frames[matches[0].from].points[0].position, reach);
+    while (next < matches.size() && batch.add(matches[next])) ++next;
+    STGS_TRY(gpu.run(batch.problem()));
+    for (std::size_t k = first; k < next; ++k)
+      take_steps(batch.problem().pairs[k - first], matches[k], out);
   }
   return {};
 }
