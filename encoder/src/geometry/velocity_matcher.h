@@ -38,8 +38,9 @@ inline PairCost pair_cost(std::size_t from, std::size_t to) {
 }
 
 // Limits of the pairs of a problem together. The comparisons are those of two frames of 100000
-// points: on a GPU they take some tenths of a second, and of larger frames longer than the k-d
-// trees of a CPU.
+// points, for which an H200 takes 0.06 s, and 16 cores with k-d trees 0.3 s. On a GPU the time
+// grows with the square of the points, so that with larger frames a slower GPU takes longer than a
+// CPU.
 inline constexpr PairCost kMaxProblemCost{70'000'000'000, std::uint64_t{256} << 20};
 inline constexpr std::size_t kMaxProblemPairs = 4096;
 

@@ -9,8 +9,8 @@
 
 namespace stgs::encoder::init {
 
-// Returns `gpu`, which may be null, or null if a pair of frames has too many points for it: the CPU
-// is faster then. Logs the reason.
+// Returns `gpu`, which may be null, or null if a pair of frames exceeds the limits of a problem,
+// with the reason in the log: the k-d trees of the CPU have no limit.
 geometry::VelocityMatcher* affordable_gpu(geometry::VelocityMatcher* gpu,
                                           const std::vector<DynamicFrame>& frames, int interval,
                                           const Work& work);
