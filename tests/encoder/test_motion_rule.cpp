@@ -77,7 +77,8 @@ TEST_CASE("thresholds of changes are those of OpenCV") {
         for (int j = around.y; j < around.br().y; ++j)
           for (int i = around.x; i < around.br().x; ++i)
             largest = std::max(largest, slope.at<int>(j, i));
-        const float found = geometry::change_threshold_of(largest, geometry::threshold_base(1.7));
+        const float found =
+            geometry::change_threshold_of(largest, float(geometry::threshold_base(1.7)));
         CHECK(found == Approx(expected.at<float>(y, x)).epsilon(1e-6));
       }
     }

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Velocities from nearest neighbours on the CPU.
+// Velocities from nearest neighbours on the CPU, and the problems that a GPU gets.
 #include <algorithm>
+#include <functional>
 
 #include "catch_runner.h"
+#include "init/velocity_gpu.h"
 #include "velocity_scene.h"
 
 using namespace stgs;
@@ -73,6 +75,50 @@ Velocities plain_round(const DynamicFrame& frame, const DynamicFrame& next, cons
   return out;
 }
 
+// Stands for a GPU: the step of a point is to the point of the same index.
+class FakeGpu final : public geometry::VelocityMatcher {
+ public:
+  std::string name() const override { return "fake"; }
+  Status run(geometry::VelocityProblem& problem) override {
+    ++problems;
+    geometry::PairCost sum;
+    for (geometry::FramePair& pair : problem.pairs) {
+      const std::vector<MatchPoint>& from = problem.frames[pair.from];
+      const std::vector<MatchPoint>& to = problem.frames[pair.to];
+      const geometry::PairCost cost = geometry::pair_cost(from.size(), to.size());
+      sum = {sum.comparisons + cost.comparisons, sum.bytes + cost.bytes};
+      for (std::size_t i = 0; i < from.size(); ++i) {
+        const MatchPoint a = from[i], b = to[std::min(i, to.size() - 1)];
+        pair.steps.push_back({b.x - a.x, b.y - a.y, b.z - a.z});
+      }
+    }
+    exceeded = exceeded || sum.comparisons > geometry::kMaxProblemCost.comparisons ||
+               sum.bytes > geometry::kMaxProblemCost.bytes ||
+               problem.pairs.size() > geometry::kMaxProblemPairs;
+    if (after_run) after_run();
+    return {};
+  }
+
+  std::function<void()> after_run;
+  int problems = 0;
+  bool exceeded = false;  // whether a problem was larger than the limits
+};
+
+// Checks the steps of a FakeGpu.
+void check_steps(const std::vector<DynamicFrame>& frames, const std::vector<Velocities>& found) {
+  std::size_t wrong = 0;
+  for (std::size_t k = 0; k < frames.size(); ++k) {
+    const bool is_last = k + 1 == frames.size();
+    const std::vector<SurfacePoint>& next = frames[is_last ? k - 1 : k + 1].points;
+    for (std::size_t i = 0; i < found[k].size(); ++i) {
+      const cv::Vec3d step =
+          next[std::min(i, next.size() - 1)].position - frames[k].points[i].position;
+      wrong += cv::norm(found[k][i] - (is_last ? -1.0 : 1.0) * step) < 1e-4 ? 0 : 1;
+    }
+  }
+  CHECK(wrong == 0);
+}
+
 }  // namespace
 
 TEST_CASE("velocities are those of a turning ellipsoid, also in the last frame") {
@@ -118,4 +164,50 @@ TEST_CASE("velocities follow the rule that the CPU and CUDA share") {
     INFO(count << " points");
     CHECK(different(fill_unknown(expected, expected), fill_unknown(found, found)) == 0);
   }
+}
+
+TEST_CASE("a GPU gets problems within the limits, and its velocities are those of their frames") {
+  // Limited by the pairs, by the memory and by the comparisons.
+  for (const auto& [count, points] : {std::pair{5000, 2}, {1700, 1000}, {13, 30000}}) {
+    std::vector<int> counts(count, points);
+    counts[2] += 1;
+    const std::vector<DynamicFrame> frames = ellipsoids(counts);
+    FakeGpu gpu;
+    const std::vector<Velocities> found = matched(frames, 1, &gpu);
+    INFO(count << " frames");
+    CHECK(gpu.problems == 2);
+    CHECK(!gpu.exceeded);
+    check_steps(frames, found);
+  }
+}
+
+TEST_CASE("velocities on a GPU are cancelled between problems") {
+  const std::vector<DynamicFrame> frames = ellipsoids(std::vector<int>(9000, 2));
+  const ProgressSink progress;
+  const LogSink log;
+  Work work(progress, log);
+  work.stage("velocities");
+  FakeGpu gpu;
+  gpu.after_run = [&] { work.cancel(); };
+  std::vector<Velocities> out;
+  const Status status = match_frames(frames, 1, kReach, &gpu, work, &out);
+  CHECK(status.message() == "velocities: cancelled");
+  CHECK(gpu.problems == 1);
+}
+
+TEST_CASE("frames with too many points for a GPU are left to the CPU, with a reason") {
+  std::string logged;
+  const ProgressSink progress;
+  const LogSink log = [&](int, const std::string& line) { logged += line; };
+  const Work work(progress, log);
+  std::vector<DynamicFrame> frames(3);
+  for (DynamicFrame& frame : frames) frame.points.resize(100000);
+  FakeGpu gpu;
+  CHECK(affordable_gpu(nullptr, frames, 1, work) == nullptr);
+  CHECK(affordable_gpu(&gpu, frames, 1, work) == &gpu);
+  CHECK(logged.empty());
+  frames[2].points.resize(100001);
+  CHECK(affordable_gpu(&gpu, frames, 1, work) == nullptr);
+  CHECK(logged.find("frames 1 and 2 have 100000 and 100001 points") != std::string::npos);
+  CHECK(logged.find("on the CPU") != std::string::npos);
 }

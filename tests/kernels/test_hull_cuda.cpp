@@ -50,12 +50,16 @@ Frame frame() {
   return out;
 }
 
-std::vector<SweptView> swept(const Frame& frame, geometry::HullSweeper* gpu) {
+Status sweep_all(const Frame& frame, geometry::HullSweeper* gpu, std::vector<SweptView>* out) {
   const ProgressSink progress;
   const LogSink log = [](int, const std::string&) {};
   const Work work(progress, log);
+  return sweep_hull(frame.images, frame.wanted, frame.hull, gpu, work, out);
+}
+
+std::vector<SweptView> swept(const Frame& frame, geometry::HullSweeper* gpu) {
   std::vector<SweptView> out;
-  const Status status = sweep_hull(frame.images, frame.wanted, frame.hull, gpu, work, &out);
+  const Status status = sweep_all(frame, gpu, &out);
   INFO(status.message());
   REQUIRE(status.ok());
   return out;
@@ -116,12 +120,17 @@ TEST_CASE("frames that are swept at a time have the depths of single ones") {
   const Frame f = frame();
   const auto gpu = on_gpu();
   const std::vector<SweptView> alone = swept(f, gpu.get());
-  std::vector<std::vector<SweptView>> together(7);
+  constexpr std::size_t kThreads = 7;
+  std::vector<std::vector<SweptView>> together(kThreads);
+  std::vector<Status> statuses(kThreads);
   std::vector<std::thread> threads;
-  for (auto& out : together) threads.emplace_back([&] { out = swept(f, gpu.get()); });
+  for (std::size_t i = 0; i < kThreads; ++i)
+    threads.emplace_back([&, i] { statuses[i] = sweep_all(f, gpu.get(), &together[i]); });
   for (std::thread& thread : threads) thread.join();
-  for (const auto& out : together) {
-    REQUIRE(out.size() == alone.size());
-    CHECK(cv::norm(out[0].map.depth, alone[0].map.depth, cv::NORM_INF) == 0);
+  for (std::size_t i = 0; i < kThreads; ++i) {
+    INFO(statuses[i].message());
+    REQUIRE(statuses[i].ok());
+    REQUIRE(together[i].size() == alone.size());
+    CHECK(cv::norm(together[i][0].map.depth, alone[0].map.depth, cv::NORM_INF) == 0);
   }
 }

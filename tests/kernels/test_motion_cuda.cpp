@@ -61,12 +61,14 @@ struct MemoryCapture {
 };
 
 struct Found {
+  Status status;
+  std::vector<int> frames, masked;
   std::vector<cv::Mat> masks, flow;  // `flow`: CV_16SC2, empty without
 };
 
-// Detects the motion of images. `flow`: given, or empty.
-Found found_on(MotionFinder& gpu, const std::vector<cv::Mat>& images, const Background& background,
-               const std::vector<cv::Mat>& flow, bool use_flow = true) {
+// Detects the motion of images, without assertions, for threads. `flow`: given, or empty.
+Found detect(MotionFinder& gpu, const std::vector<cv::Mat>& images, const Background& background,
+             const std::vector<cv::Mat>& flow, bool use_flow) {
   Found out;
   MotionSequence sequence;
   sequence.width = images[0].cols;
@@ -76,6 +78,7 @@ Found found_on(MotionFinder& gpu, const std::vector<cv::Mat>& images, const Back
   sequence.noise = background.noise;
   sequence.use_flow = use_flow;
   sequence.image = [&](int i, std::uint8_t* rgb) -> Status {
+    if (images[i].empty()) return io_error("no image");
     std::copy(images[i].datastart, images[i].dataend, rgb);
     return {};
   };
@@ -86,10 +89,10 @@ Found found_on(MotionFinder& gpu, const std::vector<cv::Mat>& images, const Back
     };
   }
   sequence.take = [&](const FrameMotion& motion) -> Status {
-    CHECK(motion.frame == static_cast<int>(out.masks.size()));
     const cv::Size size = images[0].size();
+    out.frames.push_back(motion.frame);
+    out.masked.push_back(motion.masked);
     out.masks.push_back(cv::Mat(size, CV_8U, const_cast<std::uint8_t*>(motion.mask)).clone());
-    CHECK(motion.masked == cv::countNonZero(out.masks.back()));
     out.flow.emplace_back();
     if (motion.flow != nullptr) {
       out.flow.back() = cv::Mat((size.height + 1) / 2, (size.width + 1) / 2, CV_16SC2,
@@ -98,33 +101,25 @@ Found found_on(MotionFinder& gpu, const std::vector<cv::Mat>& images, const Back
     }
     return {};
   };
-  const Status status = gpu.find_motion(sequence);
-  INFO(status.message());
-  REQUIRE(status.ok());
-  REQUIRE(out.masks.size() == images.size());
+  out.status = gpu.find_motion(sequence);
   return out;
 }
 
-// Pixels with flow clearly longer than the median.
-cv::Mat moving_by(const cv::Mat& flow) {
-  int counts[geometry::kLengthBins] = {}, total = 0, below = 0, median = 0;
-  const auto length = [&](int y, int x) {
-    const cv::Vec2f f = flow.at<cv::Vec2f>(y, x);
-    return geometry::flow_length({f[0], f[1]});
-  };
-  for (int y = 0; y < flow.rows; y += 2) {
-    for (int x = 0; x < flow.cols; x += 2) {
-      if (std::isnan(length(y, x))) continue;
-      ++counts[geometry::length_bin_of(length(y, x))];
-      ++total;
-    }
+// Checks that a result has all frames.
+void check_complete(const Found& found, std::size_t frames) {
+  INFO(found.status.message());
+  REQUIRE(found.status.ok());
+  REQUIRE(found.masks.size() == frames);
+  for (std::size_t i = 0; i < frames; ++i) {
+    CHECK(found.frames[i] == static_cast<int>(i));
+    CHECK(found.masked[i] == cv::countNonZero(found.masks[i]));
   }
-  cv::Mat out(flow.size(), CV_8U, cv::Scalar(0));
-  if (total == 0) return out;
-  while ((below += counts[median]) <= total / 2) ++median;
-  for (int y = 0; y < flow.rows; ++y)
-    for (int x = 0; x < flow.cols; ++x)
-      if (length(y, x) > geometry::moving_length_of(median)) out.at<std::uint8_t>(y, x) = 255;
+}
+
+Found found_on(MotionFinder& gpu, const std::vector<cv::Mat>& images, const Background& background,
+               const std::vector<cv::Mat>& flow, bool use_flow = true) {
+  Found out = detect(gpu, images, background, flow, use_flow);
+  check_complete(out, images.size());
   return out;
 }
 
@@ -135,14 +130,10 @@ std::vector<cv::Mat> cpu_masks(const std::vector<cv::Mat>& images, const Backgro
   const cv::Mat threshold = change_threshold(background.colour, background.noise);
   cv::Mat arriving(images[0].size(), CV_8U, cv::Scalar(0));
   for (std::size_t i = 0; i < images.size(); ++i) {
-    const cv::Mat leaving =
-        i < flow.size() ? moving_by(flow[i]) : cv::Mat(images[0].size(), CV_8U, cv::Scalar(0));
-    cv::Mat change;
-    difference(images[i], background.colour).convertTo(change, CV_32F);
-    const cv::Mat flowing = leaving | arriving;
-    const cv::Mat weak = (change > threshold) | (flowing & (change > 0.5 * threshold));
-    const cv::Mat strong = (change > 2.0 * threshold) | (flowing & weak);
-    out.push_back(clean_mask(weak, strong));
+    cv::Mat leaving(images[0].size(), CV_8U, cv::Scalar(0));
+    if (i < flow.size()) leaving = moving_by_flow(flow[i]);
+    out.push_back(
+        motion_mask(images[i], background.colour, threshold, cv::Mat(leaving | arriving)));
     arriving = leaving;
   }
   return out;
@@ -318,9 +309,10 @@ TEST_CASE("cameras at a time have the results of single ones, and of repetitions
   std::vector<std::thread> threads;
   for (std::size_t i = 0; i < together.size(); ++i)
     threads.emplace_back(
-        [&, i] { together[i] = found_on(*gpu, images[i % 3], backgrounds[i % 3], {}); });
+        [&, i] { together[i] = detect(*gpu, images[i % 3], backgrounds[i % 3], {}, true); });
   for (std::thread& thread : threads) thread.join();
   for (std::size_t i = 0; i < together.size(); ++i) {
+    check_complete(together[i], 9);
     CHECK(share_of_difference(together[i].masks, alone[i % 3].masks) == 0);
     for (std::size_t f = 0; f < 8; ++f)
       CHECK(cv::norm(together[i].flow[f], alone[i % 3].flow[f], cv::NORM_INF) == 0);
@@ -344,6 +336,19 @@ TEST_CASE("errors of the caller end the detection, and the next one works") {
   memory.capture.frames = 6;
   CHECK(find_motion(memory.capture, memory.view, InitSettings(), gpu.get(), work, &motion).ok());
   CHECK(motion.coverage[3] > 0.02);
+}
+
+TEST_CASE("a detection that failed leaves nothing for the next, which needs more memory") {
+  const auto gpu = on_gpu();
+  const MovingTexture small({64, 48}, {1, 0}, 1), large({640, 360}, {3, 1}, 2);
+  std::vector<cv::Mat> broken = small.images(7);
+  broken[6].release();
+  const std::vector<cv::Mat> images = large.images(5);
+  const Background background = background_of(large.background());
+  const Found expected = found_on(*on_gpu(), images, background, {});
+  CHECK(detect(*gpu, broken, background_of(small.background()), {}, true).status.message() ==
+        "no image");
+  CHECK(share_of_difference(found_on(*gpu, images, background, {}).masks, expected.masks) == 0);
 }
 
 namespace {

@@ -4,6 +4,7 @@
 #include <chrono>
 #include <thread>
 
+#include "backend/cuda/upload.h"
 #include "catch_runner.h"
 #include "encoder/velocity_scene.h"
 
@@ -69,19 +70,42 @@ TEST_CASE("velocities on CUDA of frames without points are empty") {
   CHECK(matched(ellipsoids({3}), 1, gpu.get())[0] == Velocities(3, cv::Vec3d(0, 0, 0)));
 }
 
-TEST_CASE("problems in several batches and from several threads have equal velocities") {
+TEST_CASE("several problems and several threads have equal velocities") {
   const auto gpu = on_gpu();
-  // More pairs than fit into a batch.
+  // More pairs than a problem has.
   std::vector<int> counts(5000, 40);
   const std::vector<DynamicFrame> frames = ellipsoids(counts);
   CHECK(share_different(matched(frames, 1, nullptr), matched(frames, 1, gpu.get())) < 0.001);
   const std::vector<DynamicFrame> few = ellipsoids({300, 310, 290});
   const std::vector<Velocities> alone = matched(few, 1, gpu.get());
-  std::vector<std::vector<Velocities>> together(4);
+  constexpr std::size_t kThreads = 4;
+  std::vector<std::vector<Velocities>> together(kThreads);
+  std::vector<Status> statuses(kThreads);
   std::vector<std::thread> threads;
-  for (auto& out : together) threads.emplace_back([&] { (void)match(few, 1, gpu.get(), &out); });
+  for (std::size_t i = 0; i < kThreads; ++i)
+    threads.emplace_back([&, i] { statuses[i] = match(few, 1, gpu.get(), &together[i]); });
   for (std::thread& thread : threads) thread.join();
-  for (const auto& out : together) CHECK(out == alone);
+  for (std::size_t i = 0; i < kThreads; ++i) {
+    CHECK(statuses[i].ok());
+    CHECK(together[i] == alone);
+  }
+}
+
+TEST_CASE("an upload that does not fit names its values and its size") {
+  cuda::Uploaded<geometry::MatchPoint> points("dynamic points");
+  const std::string message = points.start(std::size_t{1} << 40).message();
+  CHECK(message.substr(0, 62) == "dynamic points: out of GPU memory (allocating 24576.0 GiB); fr");
+  CHECK(points.start(1000).ok());
+}
+
+TEST_CASE("the largest frames of a problem have the velocities of the CPU") {
+  const auto gpu = on_gpu();
+  const std::vector<DynamicFrame> frames = ellipsoids({100000, 100000});
+  std::vector<Velocities> found, expected;
+  const double gpu_time = milliseconds([&] { found = matched(frames, 1, gpu.get()); });
+  const double cpu_time = milliseconds([&] { expected = matched(frames, 1, nullptr); });
+  CHECK(share_different(expected, found) < 0.001);
+  std::printf("2 frames of 100000 points: CPU %.0f ms, CUDA %.0f ms\n", cpu_time, gpu_time);
 }
 
 TEST_CASE("times of velocities") {

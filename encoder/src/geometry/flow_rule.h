@@ -18,6 +18,8 @@ inline constexpr int kFlowIterations = 8;  // of a search
 inline constexpr int kFlowRounds = 3;      // searches per level
 inline constexpr int kMaxFlowLevels = 12;
 inline constexpr int kMinFlowSide = 32;  // of images whose flow is found, pixels
+// Longer side of images up to which flow is found at full size, pixels; otherwise at a quarter.
+inline constexpr int kFullFlowSide = 320;
 // Added to the mean squared gradient of a patch, so that flat patches keep their flow.
 inline constexpr float kFlatGradient = 0.25f;  // (grey levels per pixel)^2
 inline constexpr float kLastFlowStep = 0.02f;  // that ends a search, pixels
@@ -56,7 +58,7 @@ STGS_FN int coarsest_flow_level(int width, int height) {
 
 // Returns the level at which flow is found and then interpolated.
 STGS_FN int finest_flow_level(int width, int height) {
-  const int wanted = larger_int(width, height) <= 320 ? 0 : 2;
+  const int wanted = larger_int(width, height) <= kFullFlowSide ? 0 : 2;
   const int coarsest = coarsest_flow_level(width, height);
   return wanted < coarsest ? wanted : coarsest;
 }

@@ -9,27 +9,18 @@
 #include <vector>
 
 #include "geometry/hull_rule.h"
-#include "geometry/stereo_problem.h"
+#include "geometry/sweep_mapping.h"
 #include "stgs/format/status.h"
 
 namespace stgs::encoder::geometry {
 
-// A pinhole camera in the world: p_camera = rotation p_world + translation. Pixel centres are at
-// +0.5.
-struct HullCamera {
-  int width = 0, height = 0;
-  float fx = 0, fy = 0, cx = 0, cy = 0;  // pixels
-  Mat3 rotation{};
-  Vec3 translation{};
-};
-
 // All pointers are of host memory and outlive the sweep.
 struct HullSilhouette {
-  HullCamera camera;
+  SweepCamera camera;
   const float* hiding = nullptr;  // width x height, as VotingView::hiding
 };
 struct HullImage {
-  HullCamera camera;
+  SweepCamera camera;
   const std::uint32_t* corners = nullptr;  // width x height, as StereoImage::corners; null: unused
 };
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rules of motion detection for single pixels, for CUDA. Their integers equal those of OpenCV in
-// init/background.h and init/motion.h. Images are 8-bit RGB; rows without gaps.
+// Rules of motion detection for single pixels, for CUDA, and their constants, also for the CPU.
+// Their integers equal those of OpenCV in init/background.h and init/motion.h. Images are 8-bit
+// RGB; rows without gaps.
 #pragma once
 
 #include <algorithm>
@@ -9,6 +10,10 @@
 #include "geometry/flow_rule.h"
 
 namespace stgs::encoder::geometry {
+
+// Radius by which given masks are dilated, pixels: those of other tools often exclude the blurred
+// border of an object.
+inline constexpr int kMaskReach = 2;
 
 // Mirrors an index beyond an image without repeating the border.
 STGS_FN int mirrored_index(int i, int n) {
@@ -45,21 +50,26 @@ STGS_FN int squared_slope_at(const std::uint8_t* grey, int width, int height, in
   return dx * dx + dy * dy;
 }
 
-// Returns the smallest change from the background that counts. `squared_slope`: the largest around
-// the pixel; `base`: threshold_base() of the camera.
+// Returns the smallest change from the background that counts, grey levels. `squared_slope`: the
+// largest around the pixel; `base`: threshold_base() of the camera.
+inline constexpr double kSlopeShare = 0.15;
 STGS_FN float change_threshold_of(int squared_slope, float base) {
-  return 0.15f * (0.125f * std::sqrt(static_cast<float>(squared_slope))) + base;
+  const float slope = 0.125f * std::sqrt(static_cast<float>(squared_slope));
+  return static_cast<float>(kSlopeShare) * slope + base;
 }
-inline float threshold_base(double noise) {
-  return static_cast<float>(6.0 + 3.0 * noise);
+inline double threshold_base(double noise) {
+  return 6.0 + 3.0 * noise;
 }
 
+// Thresholds of a change that is certain, and of one that the flow confirms, in units of that of a
+// weak change.
+inline constexpr float kStrongChange = 2.0f, kFlowingChange = 0.5f;
 // Whether a change is seen, and whether it is certain. `is_flowing`: it moves by the flow.
 STGS_FN bool is_weak_change(float change, float threshold, bool is_flowing) {
-  return change > threshold || (is_flowing && change > 0.5f * threshold);
+  return change > threshold || (is_flowing && change > kFlowingChange * threshold);
 }
 STGS_FN bool is_strong_change(float change, float threshold, bool is_flowing) {
-  return change > 2.0f * threshold || (is_flowing && change > 0.5f * threshold);
+  return change > kStrongChange * threshold || (is_flowing && change > kFlowingChange * threshold);
 }
 
 // Areas of components, pixels: those of masks that remain, and of holes that are filled.
@@ -76,15 +86,20 @@ inline constexpr float kLengthBin = 0.001f;  // pixels
 STGS_FN int length_bin_of(float length) {
   return static_cast<int>(math::smaller(length / kLengthBin, static_cast<float>(kLengthBins - 1)));
 }
-// Returns the length of flow beyond which a pixel moves, pixels. `median`: the bin of the median.
-STGS_FN float moving_length_of(int median) {
-  return math::clamped(5.0f * kLengthBin * (static_cast<float>(median) + 0.5f), 0.4f, 1.0f);
+// Returns the middle of a bin, pixels.
+STGS_FN float binned_length(int bin) {
+  return kLengthBin * (static_cast<float>(bin) + 0.5f);
+}
+// Returns the length of flow beyond which a pixel moves, from the median; both in pixels.
+STGS_FN float moving_length_of(float median) {
+  return math::clamped(5.0f * median, 0.4f, 1.0f);
 }
 
 // Flow as whole numbers, in units of 1/32 pixel.
 inline constexpr int kUnknownFlow = -32768;
+inline constexpr int kFlowUnits = 32;  // per pixel
 STGS_FN int packed_flow(float flow) {
-  const float rounded = std::floor(std::abs(flow) * 32.0f + 0.5f);
+  const float rounded = std::floor(std::abs(flow) * static_cast<float>(kFlowUnits) + 0.5f);
   return static_cast<int>(flow < 0.0f ? -rounded : rounded);
 }
 STGS_FN bool is_known_flow(Vec2 flow) {

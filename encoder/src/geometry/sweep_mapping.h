@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Mappings between the pixels of the cameras of a plane sweep.
+// The cameras of a plane sweep, and the mappings between their pixels.
 #pragma once
 
 #include "geometry/sweep_cost.h"
@@ -9,8 +9,9 @@ namespace stgs::encoder::geometry {
 // A pinhole camera: p_camera = rotation p_world + translation; rotation is row-major. Pixel centres
 // are at +0.5.
 struct SweepCamera {
-  double fx, fy, cx, cy;  // pixels
-  double rotation[9], translation[3];
+  int width = 0, height = 0;
+  double fx = 0, fy = 0, cx = 0, cy = 0;  // pixels
+  double rotation[9] = {}, translation[3] = {};
 };
 
 // Returns the mapping of the part of the reference that begins at pixel (x, y).

@@ -3,6 +3,7 @@
 // init/depth_sweep.h.
 #pragma once
 
+#include <cstddef>
 #include <memory>
 #include <string>
 #include <vector>
@@ -34,11 +35,16 @@ struct ViewSweeps {
   std::vector<ViewSweep> sweeps;
 };
 
+// Limit of the cost volumes of all sweeps of a problem, unless it has only one. An entry takes 3
+// bytes of GPU memory.
+inline constexpr std::size_t kMaxSweepVolume = std::size_t{1} << 26;
+
 class ViewSweeper {
  public:
   virtual ~ViewSweeper() = default;
   virtual std::string name() const = 0;
-  // Fills the results. Thread-safe. kRuntime if the GPU fails.
+  // Fills the results, for one problem at a time. Keeps its GPU memory for later problems.
+  // Thread-safe. kRuntime if the GPU fails.
   virtual Status run(const ViewSweeps& problem) = 0;
 };
 

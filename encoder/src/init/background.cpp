@@ -84,7 +84,7 @@ cv::Mat hysteresis(const cv::Mat& weak, const cv::Mat& strong, int smallest) {
 void fill_holes(cv::Mat* mask) {
   cv::Mat labels, stats, centroids;
   const int n = cv::connectedComponentsWithStats(~*mask, labels, stats, centroids, 4, CV_32S);
-  const int largest = int(mask->total() / 120);
+  const int largest = geometry::largest_hole(int(mask->total()));
   for (int i = 1; i < n; ++i) {
     const cv::Rect box(stats.at<int>(i, cv::CC_STAT_LEFT), stats.at<int>(i, cv::CC_STAT_TOP),
                        stats.at<int>(i, cv::CC_STAT_WIDTH), stats.at<int>(i, cv::CC_STAT_HEIGHT));
@@ -115,11 +115,15 @@ cv::Mat change_threshold(const cv::Mat& background, double noise) {
   cv::Sobel(grey, dy, CV_32F, 0, 1, 3, 1.0 / 8);
   cv::magnitude(dx, dy, slope);
   cv::dilate(slope, slope, cv::Mat());
-  return cv::Mat(6.0 + 3.0 * noise + 0.15 * slope);
+  return cv::Mat(geometry::threshold_base(noise) + geometry::kSlopeShare * slope);
 }
 
+namespace {
+
+// Returns the motion mask: parts of `weak` that contain a pixel of `strong`, without specks and
+// small holes.
 cv::Mat clean_mask(const cv::Mat& weak, const cv::Mat& strong) {
-  const int smallest = std::max(8, int(weak.total() / 12000));
+  const int smallest = geometry::smallest_component(int(weak.total()));
   cv::Mat mask = hysteresis(weak, strong, smallest);
   cv::morphologyEx(mask, mask, cv::MORPH_CLOSE,
                    cv::getStructuringElement(cv::MORPH_ELLIPSE, {5, 5}));
@@ -128,6 +132,21 @@ cv::Mat clean_mask(const cv::Mat& weak, const cv::Mat& strong) {
   mask = hysteresis(mask, strong, smallest);
   cv::dilate(mask, mask, cv::getStructuringElement(cv::MORPH_CROSS, {3, 3}));
   return mask;
+}
+
+}  // namespace
+
+cv::Mat motion_mask(const cv::Mat& image, const cv::Mat& background, const cv::Mat& threshold,
+                    const cv::Mat& flowing) {
+  cv::Mat change;
+  difference(image, background).convertTo(change, CV_32F);
+  cv::Mat weak = change > threshold, strong = change > geometry::kStrongChange * threshold;
+  if (!flowing.empty()) {
+    const cv::Mat confirmed = flowing & (change > geometry::kFlowingChange * threshold);
+    weak |= confirmed;
+    strong |= confirmed;
+  }
+  return clean_mask(weak, strong);
 }
 
 float share_of(const cv::Mat& mask) {
@@ -185,8 +204,7 @@ Result<Background> find_background(const PreparedCapture& capture, const View& v
     masks.emplace_back();
     if (!use_masks) continue;
     STGS_ASSIGN(cv::Mat mask, load_mask_image(capture, view, frame));
-    // Masks from other tools often exclude the blurred border of an object.
-    if (!mask.empty()) cv::dilate(mask, masks.back(), cv::Mat(), {-1, -1}, 2);
+    if (!mask.empty()) cv::dilate(mask, masks.back(), cv::Mat(), {-1, -1}, geometry::kMaskReach);
   }
   return samples.empty() ? unknown_background(view) : median_of(samples, masks);
 }
@@ -209,9 +227,7 @@ void LiveBackground::resize(cv::Size size) {
 }
 
 cv::Mat LiveBackground::mask(const cv::Mat& image) const {
-  cv::Mat change;
-  difference(image, background_.colour).convertTo(change, CV_32F);
-  return clean_mask(change > threshold_, change > 2.0 * threshold_);
+  return motion_mask(image, background_.colour, threshold_);
 }
 
 cv::Mat LiveBackground::still() const {

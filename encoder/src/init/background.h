@@ -35,9 +35,11 @@ cv::Mat difference(const cv::Mat& a, const cv::Mat& b);
 // Returns the per-pixel threshold of a change from the background, CV_32F. It allows for noise, and
 // for misregistration at edges.
 cv::Mat change_threshold(const cv::Mat& background, double noise);
-// Returns the motion mask (0 or 255): parts of `weak` that contain a pixel of `strong`, without
-// specks and small holes.
-cv::Mat clean_mask(const cv::Mat& weak, const cv::Mat& strong);
+// Returns the motion mask (0 or 255) of an image: where it differs from the background (RGB) by
+// more than the threshold, without specks and small holes. A smaller change suffices where
+// `flowing` is 255; empty: nowhere.
+cv::Mat motion_mask(const cv::Mat& image, const cv::Mat& background, const cv::Mat& threshold,
+                    const cv::Mat& flowing = {});
 // Returns the fraction of the pixels that are masked.
 float share_of(const cv::Mat& mask);
 

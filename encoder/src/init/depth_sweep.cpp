@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <map>
 #include <opencv2/imgproc.hpp>
 
 #include "geometry/path_costs.h"
@@ -17,13 +18,6 @@ namespace {
 
 using geometry::CostVolume;
 using geometry::kImpossible;
-
-geometry::SweepCamera sweep_camera(const View& view) {
-  geometry::SweepCamera out{view.fx, view.fy, view.cx, view.cy, {}, {}};
-  std::copy_n(view.rotation.val, 9, out.rotation);
-  std::copy_n(view.translation.val, 3, out.translation);
-  return out;
-}
 
 geometry::SweepSource sweep_source(const SweepImage& image) {
   return {image.corners.data(), image.usable_words.empty() ? nullptr : image.usable_words.data(),
@@ -126,30 +120,66 @@ DepthMap read_out(const CostVolume& volume, const cv::Rect& region, cv::Size siz
   return map;
 }
 
-Status sweep_on_gpu(const std::vector<SweepImage>& images, const std::vector<WantedDepth>& wanted,
-                    geometry::ViewSweeper& gpu, std::vector<DepthMap>* out) {
-  geometry::ViewSweeps problem;
-  for (const SweepImage& image : images) problem.images.push_back(sweep_source(image));
-  for (std::size_t k = 0; k < wanted.size(); ++k) {
-    const auto& [view, others, planes] = wanted[k];
-    if (others.empty()) continue;
+// Sweeps for a GPU, with the images that they use.
+class SweepProblem {
+ public:
+  explicit SweepProblem(const std::vector<SweepImage>& images) : images_(images) {}
+
+  // Adds a sweep unless it exceeds the limit of a problem. Returns whether it did.
+  bool add(const WantedDepth& wanted, DepthMap& map) {
+    const std::size_t volume = std::size_t(map.depth.total()) * std::size_t(wanted.planes.planes);
+    if (volume_ > 0 && volume_ + volume > geometry::kMaxSweepVolume) return false;
+    volume_ += volume;
     geometry::ViewSweep sweep;
-    sweep.reference = view;
-    for (const int j : others) {
-      sweep.sources.push_back({j, geometry::sweep_mapping(sweep_camera(images[view].view),
-                                                          sweep_camera(images[j].view), 0, 0)});
+    sweep.reference = add_image(wanted.view);
+    const geometry::SweepCamera camera = sweep_camera(images_[wanted.view].view);
+    for (const int j : wanted.others) {
+      sweep.sources.push_back(
+          {add_image(j), geometry::sweep_mapping(camera, sweep_camera(images_[j].view), 0, 0)});
     }
-    sweep.nearest = planes.nearest;
-    sweep.farthest = planes.farthest;
-    sweep.planes = planes.planes;
-    sweep.depth = (*out)[k].depth.ptr<float>();
-    sweep.cost = (*out)[k].cost.ptr<float>();
-    problem.sweeps.push_back(std::move(sweep));
+    sweep.nearest = wanted.planes.nearest;
+    sweep.farthest = wanted.planes.farthest;
+    sweep.planes = wanted.planes.planes;
+    sweep.depth = map.depth.ptr<float>();
+    sweep.cost = map.cost.ptr<float>();
+    problem_.sweeps.push_back(std::move(sweep));
+    return true;
   }
-  return gpu.run(problem);
+  const geometry::ViewSweeps& problem() const { return problem_; }
+
+ private:
+  int add_image(int image) {
+    const auto [at, is_new] = added_.try_emplace(image, int(problem_.images.size()));
+    if (is_new) problem_.images.push_back(sweep_source(images_[image]));
+    return at->second;
+  }
+
+  const std::vector<SweepImage>& images_;
+  geometry::ViewSweeps problem_;
+  std::map<int, int> added_;  // index in the problem of each image
+  std::size_t volume_ = 0;
+};
+
+Status sweep_on_gpu(const std::vector<SweepImage>& images, const std::vector<WantedDepth>& wanted,
+                    geometry::ViewSweeper& gpu, const Work& work, std::vector<DepthMap>* out) {
+  for (std::size_t next = 0; next < wanted.size();) {
+    STGS_TRY(work.check());
+    SweepProblem batch(images);
+    for (; next < wanted.size(); ++next)
+      if (!wanted[next].others.empty() && !batch.add(wanted[next], (*out)[next])) break;
+    if (!batch.problem().sweeps.empty()) STGS_TRY(gpu.run(batch.problem()));
+  }
+  return {};
 }
 
 }  // namespace
+
+geometry::SweepCamera sweep_camera(const View& view) {
+  geometry::SweepCamera out{view.width, view.height, view.fx, view.fy, view.cx, view.cy, {}, {}};
+  std::copy_n(view.rotation.val, 9, out.rotation);
+  std::copy_n(view.translation.val, 3, out.translation);
+  return out;
+}
 
 DepthMap blank_map(cv::Size size) {
   return {cv::Mat(size, CV_32F, cv::Scalar(0)), cv::Mat(size, CV_32F, cv::Scalar(1))};
@@ -198,7 +228,8 @@ Status sweep_views(const std::vector<SweepImage>& images, const std::vector<Want
   static_assert(kNeighbours <= geometry::kSweepSources);
   out->clear();
   for (const WantedDepth& one : wanted) out->push_back(blank_map(images[one.view].view.size()));
-  if (gpu != nullptr) return work.wait_for([&] { return sweep_on_gpu(images, wanted, *gpu, out); });
+  if (gpu != nullptr)
+    return work.wait_for([&] { return sweep_on_gpu(images, wanted, *gpu, work, out); });
   return work.for_each(int(wanted.size()), [&](int k) -> Status {
     const auto& [view, others, planes] = wanted[k];
     if (others.empty()) return {};

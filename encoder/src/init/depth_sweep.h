@@ -8,6 +8,7 @@
 #include <opencv2/core.hpp>
 #include <vector>
 
+#include "geometry/sweep_mapping.h"
 #include "geometry/view_sweeper.h"
 #include "init/view.h"
 #include "init/work.h"
@@ -25,6 +26,8 @@ struct SweepImage {
 };
 // Scales the image to the size of the view. An empty `usable` marks every pixel usable.
 SweepImage make_sweep_image(const View& view, const cv::Mat& rgb, const cv::Mat& usable = {});
+
+geometry::SweepCamera sweep_camera(const View& view);
 
 // The planes of a sweep, evenly spaced in inverse depth.
 struct SweepPlanes {
@@ -63,7 +66,8 @@ struct WantedDepth {
   std::vector<int> others;  // empty: the depth is unknown
   SweepPlanes planes;
 };
-// Sweeps views of `images`. `gpu`: null for the CPU. One pass of a stage of `work`.
+// Sweeps views of `images`. `gpu`: null for the CPU. One pass of a stage of `work`, which is
+// checked for cancellation.
 Status sweep_views(const std::vector<SweepImage>& images, const std::vector<WantedDepth>& wanted,
                    geometry::ViewSweeper* gpu, Work& work, std::vector<DepthMap>* out);
 

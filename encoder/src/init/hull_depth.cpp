@@ -83,19 +83,6 @@ SweptView sweep_view(const std::vector<SweepImage>& images, const HullView& want
   return out;
 }
 
-geometry::HullCamera hull_camera(const View& view) {
-  const cv::Matx33f r = view.rotation;
-  const cv::Vec3f t = view.translation;
-  return {view.width,
-          view.height,
-          float(view.fx),
-          float(view.fy),
-          float(view.cx),
-          float(view.cy),
-          {r(0, 0), r(0, 1), r(0, 2), r(1, 0), r(1, 1), r(1, 2), r(2, 0), r(2, 1), r(2, 2)},
-          {t[0], t[1], t[2]}};
-}
-
 // Returns the sweeps of the views that can be swept, and lists these. Results go to the maps of
 // `out`.
 geometry::HullSweep hull_sweep(const std::vector<SweepImage>& images,
@@ -105,10 +92,10 @@ geometry::HullSweep hull_sweep(const std::vector<SweepImage>& images,
   problem.nearest = hull.limits.nearest;
   problem.farthest = hull.limits.farthest;
   for (const Silhouette& s : hull.silhouettes)
-    problem.silhouettes.push_back({hull_camera(s.view), s.hiding.ptr<float>()});
+    problem.silhouettes.push_back({sweep_camera(s.view), s.hiding.ptr<float>()});
   for (const SweepImage& image : images)
     problem.images.push_back(
-        {hull_camera(image.view), image.corners.empty() ? nullptr : image.corners.data()});
+        {sweep_camera(image.view), image.corners.empty() ? nullptr : image.corners.data()});
   for (std::size_t k = 0; k < wanted.size(); ++k) {
     SweptView& swept = (*out)[k];
     swept.mask = wanted[k].mask;

@@ -14,9 +14,8 @@
 namespace stgs::encoder::init {
 namespace {
 
-// Largest forward-backward error of reliable flow, pixels, plus 5 % of its length.
-constexpr float kRoundTrip = 0.75f;
-constexpr int kMinFlowSide = 32;  // of images whose flow DIS finds, pixels
+using geometry::kMinFlowSide;
+
 // Margin around dynamic content, over the image width: the upper bound of plausible motion.
 constexpr double kFlowMargin = 1.0 / 15;
 constexpr int kLearntImages = 3;  // of a window, by a live background
@@ -49,34 +48,12 @@ cv::Mat checked_flow(cv::DISOpticalFlow& dis, const cv::Mat& a, const cv::Mat& b
       bool good = tx >= 0 && ty >= 0 && tx < a.cols && ty < a.rows;
       if (good) {
         const cv::Vec2f r = back.at<cv::Vec2f>(ty, tx);
-        good = length(f + r) < kRoundTrip + 0.05f * length(f);
+        good = length(f + r) < geometry::kRoundTrip + geometry::kRoundTripShare * length(f);
       }
       if (!good) f = cv::Vec2f::all(std::numeric_limits<float>::quiet_NaN());
     }
   }
   return forward;
-}
-
-// Returns 255 where the flow is known and clearly longer than that of static pixels.
-cv::Mat moving_by_flow(const cv::Mat& flow) {
-  cv::Mat mask(flow.size(), CV_8U, cv::Scalar(0));
-  std::vector<float> lengths;
-  for (int y = 0; y < flow.rows; y += 2) {
-    for (int x = 0; x < flow.cols; x += 2) {
-      const auto& f = flow.at<cv::Vec2f>(y, x);
-      if (f[0] == f[0]) lengths.push_back(length(f));
-    }
-  }
-  if (lengths.empty()) return mask;
-  std::nth_element(lengths.begin(), lengths.begin() + lengths.size() / 2, lengths.end());
-  const float threshold = std::clamp(5 * lengths[lengths.size() / 2], 0.4f, 1.0f);
-  for (int y = 0; y < flow.rows; ++y) {
-    for (int x = 0; x < flow.cols; ++x) {
-      const auto& f = flow.at<cv::Vec2f>(y, x);
-      if (length(f) > threshold) mask.at<std::uint8_t>(y, x) = 255;
-    }
-  }
-  return mask;
 }
 
 FlowPatch pack_flow(const cv::Mat& flow, const cv::Mat& mask) {
@@ -90,11 +67,9 @@ FlowPatch pack_flow(const cv::Mat& flow, const cv::Mat& mask) {
       const int px = std::min(kFlowStep * (patch.box.x + x), flow.cols - 1);
       const int py = std::min(kFlowStep * (patch.box.y + y), flow.rows - 1);
       const cv::Vec2f f = flow.at<cv::Vec2f>(py, px);
-      if (!mask.at<std::uint8_t>(py, px) || !(std::abs(f[0]) < 1000 && std::abs(f[1]) < 1000)) {
-        continue;
-      }
-      patch.vectors.at<cv::Vec2s>(y, x) = {short(std::lround(f[0] / FlowPatch::kUnit)),
-                                           short(std::lround(f[1] / FlowPatch::kUnit))};
+      if (!mask.at<std::uint8_t>(py, px) || !geometry::is_known_flow({f[0], f[1]})) continue;
+      patch.vectors.at<cv::Vec2s>(y, x) = {short(geometry::packed_flow(f[0])),
+                                           short(geometry::packed_flow(f[1]))};
     }
   }
   return patch;
@@ -114,7 +89,7 @@ class FlowFinder {
  public:
   FlowFinder(const PreparedCapture& capture, const View& view, const InitSettings& settings)
       : capture_(capture), view_(view), settings_(settings) {
-    if (std::max(view.width, view.height) <= 320) dis_->setFinestScale(0);
+    if (std::max(view.width, view.height) <= geometry::kFullFlowSide) dis_->setFinestScale(0);
   }
 
   // Returns the flow from a frame to the next. Searched only in `part`, NaN elsewhere.
@@ -181,12 +156,8 @@ Status write_masks(const PreparedCapture& capture, const View& view, const InitS
       STGS_ASSIGN(flow, finder.find(frame, image, next, cv::Rect({0, 0}, image.size())));
       leaving = moving_by_flow(flow);
     }
-    cv::Mat change;
-    difference(image, background.colour).convertTo(change, CV_32F);
-    const cv::Mat flowing = leaving | arriving;
-    const cv::Mat weak = (change > threshold) | (flowing & (change > 0.5 * threshold));
-    const cv::Mat strong = (change > 2.0 * threshold) | (flowing & weak);
-    const cv::Mat mask = clean_mask(weak, strong);
+    const cv::Mat mask =
+        motion_mask(image, background.colour, threshold, cv::Mat(leaving | arriving));
     STGS_TRY(add_mask(capture, view, frame, mask));
     motion->coverage[frame] = share_of(mask);
     motion->flow[frame] = pack_flow(flow, mask);
@@ -198,6 +169,27 @@ Status write_masks(const PreparedCapture& capture, const View& view, const InitS
 }
 
 }  // namespace
+
+cv::Mat moving_by_flow(const cv::Mat& flow) {
+  cv::Mat mask(flow.size(), CV_8U, cv::Scalar(0));
+  std::vector<float> lengths;
+  for (int y = 0; y < flow.rows; y += 2) {
+    for (int x = 0; x < flow.cols; x += 2) {
+      const auto& f = flow.at<cv::Vec2f>(y, x);
+      if (f[0] == f[0]) lengths.push_back(length(f));
+    }
+  }
+  if (lengths.empty()) return mask;
+  std::nth_element(lengths.begin(), lengths.begin() + lengths.size() / 2, lengths.end());
+  const float threshold = geometry::moving_length_of(lengths[lengths.size() / 2]);
+  for (int y = 0; y < flow.rows; ++y) {
+    for (int x = 0; x < flow.cols; ++x) {
+      const auto& f = flow.at<cv::Vec2f>(y, x);
+      if (length(f) > threshold) mask.at<std::uint8_t>(y, x) = 255;
+    }
+  }
+  return mask;
+}
 
 bool FlowPatch::at(double u, double v, cv::Vec2d* flow) const {
   if (vectors.empty() || u < 0 || v < 0) return false;

@@ -7,20 +7,21 @@
 #include <vector>
 
 #include "geometry/motion_finder.h"
+#include "geometry/motion_rule.h"
 #include "init/init.h"
 #include "init/view.h"
 #include "init/work.h"
 
 namespace stgs::encoder::init {
 
-// Flow from a frame to the next inside a box of the view, in units of 1/32 pixel. Unreliable
-// entries are kNoFlow. Compact, because every frame of every camera has one.
+// Flow from a frame to the next inside a box of the view, in units of kUnit. Unreliable entries are
+// kNoFlow. Compact, because every frame of every camera has one.
 struct FlowPatch {
-  static constexpr short kNoFlow = -32768;
-  static constexpr double kUnit = 1.0 / 32;
-  int step = 1;     // pixels of the view per entry
-  cv::Rect box;     // in units of entries
-  cv::Mat vectors;  // CV_16SC2, box.size()
+  static constexpr short kNoFlow = geometry::kUnknownFlow;
+  static constexpr double kUnit = 1.0 / geometry::kFlowUnits;  // pixels
+  int step = 1;                                                // pixels of the view per entry
+  cv::Rect box;                                                // in units of entries
+  cv::Mat vectors;                                             // CV_16SC2, box.size()
 
   // Sets `flow` to the flow in pixels at image position (u, v). Returns false where it is unknown.
   bool at(double u, double v, cv::Vec2d* flow) const;
@@ -39,6 +40,10 @@ struct ViewMotion {
 inline constexpr int kFlowStep = 2;  // FlowPatch::step of flow that is found
 // Returns FlowPatch::box of a mask, for this step.
 cv::Rect packed_box(const cv::Mat& mask);
+
+// Returns 255 where flow (CV_32FC2, pixels) is known and clearly longer than that of static pixels,
+// else 0.
+cv::Mat moving_by_flow(const cv::Mat& flow);
 
 // Detects the motion of one camera. Writes the masks of all frames to the prepared capture if it
 // has none for the camera. `view` sets the working resolution; `gpu` is null for the CPU. Checks

@@ -3,12 +3,8 @@
 
 #include <cstring>
 
-#include "geometry/motion_rule.h"
-
 namespace stgs::encoder::init {
 namespace {
-
-static_assert(FlowPatch::kNoFlow == geometry::kUnknownFlow);
 
 // Writes the mask of a frame; nothing is masked without one.
 Status load_mask_to(const PreparedCapture& capture, const View& view, int frame,

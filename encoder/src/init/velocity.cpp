@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "init/velocity_gpu.h"
 #include "init/velocity_match.h"
 #include "stgs/format/parallel.h"
 
@@ -165,8 +166,10 @@ Status take_flow(const VelocityInput& input, Work& work, std::vector<Velocities>
 
 Status choose_velocities(const VelocityInput& input, Work& work, ChosenVelocities* out) {
   work.stage("velocities", input.find_flow && input.capture.frames > 1 ? 6 : 1);
-  STGS_TRY(match_frames(input.frames, input.interval, input.reach, input.gpu, work, &out->frames));
-  const std::string backend = input.gpu != nullptr ? input.gpu->name() : "cpu";
+  geometry::VelocityMatcher* const gpu =
+      affordable_gpu(input.gpu, input.frames, input.interval, work);
+  STGS_TRY(match_frames(input.frames, input.interval, input.reach, gpu, work, &out->frames));
+  const std::string backend = gpu != nullptr ? gpu->name() : "cpu";
   if (!input.find_flow) {
     out->kind = "nearest neighbours";
     work.log(fmt::format("velocities: {}, backend {}", out->kind, backend), 3);

@@ -5,13 +5,13 @@
 #include <array>
 #include <nanoflann.hpp>
 
+#include "init/velocity_gpu.h"
 #include "stgs/format/parallel.h"
 
 namespace stgs::encoder::init {
 namespace {
 
 using geometry::kMatchedPoints;
-using geometry::MatchPoint;
 
 constexpr std::size_t kPointsPerTask = 128;  // few frames of a live window occupy all threads
 
@@ -58,73 +58,19 @@ cv::Vec3d matched_step(const cv::Vec3d& position,
   return n > 0 ? sum * (1.0 / n) : kUnknown;
 }
 
-// A frame and the frame that its points are matched with.
-struct Match {
-  int from, to;
-  double per_frame;  // velocity of a step
-};
-
-std::vector<Match> matches_of(const std::vector<DynamicFrame>& frames, int interval) {
-  std::vector<Match> out;
-  const int count = int(frames.size());
-  for (int frame = 0; frame < count; ++frame) {
-    const bool forward = frame + interval < count;
-    const int other = forward ? frame + interval : frame - interval;
-    if (other < 0 || frames[frame].points.empty() || frames[other].points.empty()) continue;
-    out.push_back({frame, other, (forward ? 1.0 : -1.0) / interval});
-  }
-  return out;
-}
-
-std::vector<MatchPoint> match_points(const std::vector<SurfacePoint>& points,
-                                     const cv::Vec3d& origin) {
-  std::vector<MatchPoint> out;
-  out.reserve(points.size());
-  for (const SurfacePoint& p : points) {
-    const cv::Vec3f at = p.position - origin;
-    out.push_back(
-        {at[0], at[1], at[2], float(p.colour[0]), float(p.colour[1]), float(p.colour[2])});
-  }
-  return out;
-}
-
-Status match_on_gpu(const std::vector<DynamicFrame>& frames, const std::vector<Match>& matches,
-                    double reach, geometry::VelocityMatcher& gpu, std::vector<Velocities>* out) {
-  geometry::VelocityProblem problem;
-  problem.reach = reach;
-  problem.frames.resize(frames.size());
-  const cv::Vec3d origin = frames[matches[0].from].points[0].position;
-  for (const Match& match : matches) {
-    problem.pairs.push_back({std::size_t(match.from), std::size_t(match.to)});
-    for (const int frame : {match.from, match.to}) {
-      std::vector<MatchPoint>& points = problem.frames[frame];
-      if (points.empty()) points = match_points(frames[frame].points, origin);
-    }
-  }
-  STGS_TRY(gpu.run(problem));
-  for (std::size_t k = 0; k < matches.size(); ++k) {
-    Velocities& velocities = (*out)[matches[k].from];
-    for (std::size_t i = 0; i < velocities.size(); ++i) {
-      const math::Vec3 step = problem.pairs[k].steps[i];
-      velocities[i] = cv::Vec3d(step.x, step.y, step.z) * matches[k].per_frame;
-    }
-  }
-  return {};
-}
-
 }  // namespace
 
-Smoother::Smoother(const std::vector<SurfacePoint>& points, double reach, std::size_t most)
+Smoother::Smoother(const std::vector<SurfacePoint>& points, double reach, std::size_t count)
     : reach_(reach) {
   const Cloud cloud(points, geometry::kSmoothColour * reach);
   const Tree tree(Cloud::kDimensions, cloud);
   neighbours_.resize(cloud.rows.size());
   parallel_for(std::size_t{0}, cloud.rows.size(), [&](std::size_t i) {
     Neighbours& out = neighbours_[i];
-    out.index.resize(most);
-    out.squared.resize(most);
+    out.index.resize(count);
+    out.squared.resize(count);
     const std::size_t found =
-        tree.knnSearch(cloud.rows[i].data(), most, out.index.data(), out.squared.data());
+        tree.knnSearch(cloud.rows[i].data(), count, out.index.data(), out.squared.data());
     out.index.resize(found);
     out.squared.resize(found);
   });
@@ -185,23 +131,35 @@ Velocities match_velocities(const std::vector<SurfacePoint>& points,
   return steps;
 }
 
+std::vector<FrameMatch> matches_of(const std::vector<DynamicFrame>& frames, int interval) {
+  std::vector<FrameMatch> out;
+  const int count = int(frames.size());
+  for (int frame = 0; frame < count; ++frame) {
+    const bool forward = frame + interval < count;
+    const int other = forward ? frame + interval : frame - interval;
+    if (other < 0 || frames[frame].points.empty() || frames[other].points.empty()) continue;
+    out.push_back({frame, other, (forward ? 1.0 : -1.0) / interval});
+  }
+  return out;
+}
+
 Status match_frames(const std::vector<DynamicFrame>& frames, int interval, double reach,
                     geometry::VelocityMatcher* gpu, Work& work, std::vector<Velocities>* out) {
   out->resize(frames.size());
   for (std::size_t frame = 0; frame < frames.size(); ++frame)
     (*out)[frame].assign(frames[frame].points.size(), cv::Vec3d(0, 0, 0));
-  const std::vector<Match> matches = matches_of(frames, interval);
+  const std::vector<FrameMatch> matches = matches_of(frames, interval);
   const double step = interval * reach;
   if (gpu == nullptr) {
     STGS_TRY(work.for_each(int(matches.size()), [&](int k) -> Status {
-      const Match& match = matches[k];
+      const FrameMatch& match = matches[k];
       Velocities& velocities = (*out)[match.from];
       velocities = match_velocities(frames[match.from].points, frames[match.to].points, step);
       for (cv::Vec3d& velocity : velocities) velocity *= match.per_frame;
       return {};
     }));
-  } else if (!matches.empty()) {
-    STGS_TRY(work.wait_for([&] { return match_on_gpu(frames, matches, step, *gpu, out); }));
+  } else {
+    STGS_TRY(work.wait_for([&] { return match_on_gpu(frames, matches, step, *gpu, work, out); }));
   }
   for (Velocities& velocities : *out) velocities = fill_unknown(velocities, velocities);
   return {};

@@ -26,8 +26,8 @@ Velocities fill_unknown(const Velocities& first, const Velocities& second);
 // Smooths velocities of points among their nearest neighbours.
 class Smoother {
  public:
-  // `most`: neighbours of a point, at most; those farther than `reach` do not count.
-  Smoother(const std::vector<SurfacePoint>& points, double reach, std::size_t most);
+  // `count`: neighbours of a point; those farther than `reach` do not count.
+  Smoother(const std::vector<SurfacePoint>& points, double reach, std::size_t count);
 
   // Replaces each velocity by the median of the known velocities of the `count` nearest points, or
   // by kUnknown if there are fewer than geometry::kMinForMedian.
@@ -50,9 +50,19 @@ class Smoother {
 Velocities match_velocities(const std::vector<SurfacePoint>& points,
                             const std::vector<SurfacePoint>& next, double reach);
 
-// Sets the velocities of the points of all frames, 0 where they are unknown, from the frame that is
-// `interval` frames later, or earlier at the end. `reach`: scene units per frame. `gpu`: null for
-// the CPU. One pass of a stage of `work`.
+// A frame with points and the frame that they are matched with.
+struct FrameMatch {
+  int from = 0, to = 0;
+  double per_frame = 1;  // velocity of a step
+};
+
+// Returns the pairs of a frame and the one that is `interval` frames later, or earlier at the end.
+// Both have points.
+std::vector<FrameMatch> matches_of(const std::vector<DynamicFrame>& frames, int interval);
+
+// Sets the velocities of the points of all frames, 0 where they are unknown, from the frames that
+// they are matched with. `reach`: scene units per frame. `gpu`: null for the CPU, and from
+// affordable_gpu(). One pass of a stage of `work`, which is checked for cancellation.
 Status match_frames(const std::vector<DynamicFrame>& frames, int interval, double reach,
                     geometry::VelocityMatcher* gpu, Work& work, std::vector<Velocities>* out);
 

@@ -83,7 +83,7 @@ void launch_hull_spans(const HullSample* samples, int count, const HullVotes& vo
 
 void launch_hull_limits(const SweepRegions& regions, const HullLimit* limits,
                         const HullVotes& votes, cudaStream_t stream) {
-  const std::size_t entries = regions.most_pixels * static_cast<std::size_t>(regions.most_planes);
+  const std::size_t entries = regions.max_pixels * static_cast<std::size_t>(regions.max_planes);
   const dim3 grid(static_cast<unsigned>(blocks_of(entries, 256)),
                   static_cast<unsigned>(regions.count));
   limits_kernel<<<grid, 256, 0, stream>>>(regions, limits, votes);

@@ -12,6 +12,7 @@
 #include "backend/cuda/serial_gpu.h"
 #include "backend/cuda/upload.h"
 #include "geometry/hull_sweep.h"
+#include "geometry/stereo_problem.h"
 #include "geometry/sweep_mapping.h"
 
 namespace stgs::encoder {
@@ -27,11 +28,11 @@ using cuda::SweepRegion;
 using cuda::Uploaded;
 using cuda::WaitAtEnd;
 using geometry::HullBox;
-using geometry::HullCamera;
 using geometry::HullReference;
 using geometry::HullSweep;
 using geometry::kHullDepths;
 using geometry::StereoSource;
+using geometry::SweepCamera;
 
 constexpr std::size_t kMaxLanes = 4;  // frames that are swept at a time
 
@@ -39,27 +40,38 @@ std::size_t area(int width, int height) {
   return static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
 }
 
-geometry::SweepCamera sweep_camera(const HullCamera& camera) {
-  const geometry::Mat3& r = camera.rotation;
-  const geometry::Vec3& t = camera.translation;
-  return {camera.fx,
-          camera.fy,
-          camera.cx,
-          camera.cy,
-          {r.xx, r.xy, r.xz, r.yx, r.yy, r.yz, r.zx, r.zy, r.zz},
-          {t.x, t.y, t.z}};
+geometry::Mat3 rotation_of(const SweepCamera& camera) {
+  const auto r = [&](int i) { return static_cast<float>(camera.rotation[i]); };
+  return {r(0), r(1), r(2), r(3), r(4), r(5), r(6), r(7), r(8)};
 }
 
-HullRay ray_of(const HullCamera& from, const HullCamera& to, const float* hiding) {
+geometry::Vec3 translation_of(const SweepCamera& camera) {
+  const auto t = [&](int i) { return static_cast<float>(camera.translation[i]); };
+  return {t(0), t(1), t(2)};
+}
+
+// Returns a pinhole image without pixels.
+geometry::StereoImage image_of(const SweepCamera& camera) {
+  return {nullptr,
+          nullptr,
+          camera.width,
+          camera.height,
+          static_cast<float>(camera.fx),
+          static_cast<float>(camera.fy),
+          static_cast<float>(camera.cx),
+          static_cast<float>(camera.cy)};
+}
+
+HullRay ray_of(const SweepCamera& from, const SweepCamera& to, const float* hiding) {
+  const geometry::StereoImage image = image_of(to);
   // With a focal length of 1 and the centre at 0, positions are directions.
   StereoSource source{};
   source.image = {nullptr, nullptr, to.width, to.height, 1.0f, 1.0f, 0.0f, 0.0f};
-  source =
-      geometry::posed_source(source, from.rotation, from.translation, to.rotation, to.translation);
-  source = geometry::derived_source(
-      {nullptr, nullptr, from.width, from.height, from.fx, from.fy, from.cx, from.cy}, source);
-  return {
-      source.infinite, source.translation, hiding, to.width, to.height, to.fx, to.fy, to.cx, to.cy};
+  source = geometry::posed_source(source, rotation_of(from), translation_of(from), rotation_of(to),
+                                  translation_of(to));
+  source = geometry::derived_source(image_of(from), source);
+  return {source.infinite, source.translation, hiding,   to.width, to.height,
+          image.fx,        image.fy,           image.cx, image.cy};
 }
 
 // The memory and the stream of one frame.
@@ -120,7 +132,7 @@ class Lane {
     rays_.clear();
     for (std::size_t r = 0; r < sweep.references.size(); ++r) {
       const HullReference& reference = sweep.references[r];
-      const HullCamera& from = sweep.images[reference.image].camera;
+      const SweepCamera& from = sweep.images[reference.image].camera;
       STGS_TRY(masks_.add(reference.mask, area(from.width, from.height), stream_, &mask_at_[r]));
       for (std::size_t v = 0; v < sweep.silhouettes.size(); ++v)
         rays_.push_back(ray_of(from, sweep.silhouettes[v].camera, hiding_at_[v]));
@@ -201,11 +213,10 @@ class Lane {
     region.farthest_inverse = far;
     region.step = step;
     region.reference = images_[reference.image];
-    const geometry::SweepCamera from = sweep_camera(sweep.images[reference.image].camera);
+    const SweepCamera& from = sweep.images[reference.image].camera;
     for (const int j : reference.sources) {
       region.sources[region.source_count++] = {
-          images_[j],
-          geometry::sweep_mapping(from, sweep_camera(sweep.images[j].camera), box.x, box.y)};
+          images_[j], geometry::sweep_mapping(from, sweep.images[j].camera, box.x, box.y)};
     }
     region.x = box.x;
     region.y = box.y;
@@ -238,13 +249,13 @@ class Lane {
   }
 
   cuda::Stream stream_;
-  Uploaded<float> hiding_;
-  Uploaded<std::uint32_t> corners_;
-  Uploaded<std::uint8_t> masks_;
-  Uploaded<HullRay> device_rays_;
-  Uploaded<HullSample> device_samples_;
-  Uploaded<HullSpan> device_spans_;
-  Uploaded<HullLimit> device_limits_;
+  Uploaded<float> hiding_{"silhouettes"};
+  Uploaded<std::uint32_t> corners_{"images of dynamic content"};
+  Uploaded<std::uint8_t> masks_{"motion masks"};
+  Uploaded<HullRay> device_rays_{"rays to silhouettes"};
+  Uploaded<HullSample> device_samples_{"pixels of dynamic content"};
+  Uploaded<HullSpan> device_spans_{"depths of the visual hull"};
+  Uploaded<HullLimit> device_limits_{"limits of plane sweeps"};
   cuda::RegionSweeper sweeper_;
   const int gpu_;
   std::vector<const float*> hiding_at_;        // per silhouette, on the device

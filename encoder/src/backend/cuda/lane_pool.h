@@ -15,7 +15,9 @@ namespace stgs::encoder::cuda {
 template <typename Lane>
 class LanePool {
  public:
-  LanePool(int gpu, std::size_t most) : gpu_(gpu), most_(most) { free_.reserve(most); }
+  LanePool(int gpu, std::size_t max_lanes) : gpu_(gpu), max_lanes_(max_lanes) {
+    free_.reserve(max_lanes);
+  }
 
   // Waits for a free lane. The lane returns to the pool, which outlives it, when it is released.
   std::shared_ptr<Lane> take() {
@@ -25,7 +27,7 @@ class LanePool {
  private:
   std::unique_ptr<Lane> take_free() {
     std::unique_lock lock(mutex_);
-    returned_.wait(lock, [this] { return !free_.empty() || lanes_ < most_; });
+    returned_.wait(lock, [this] { return !free_.empty() || lanes_ < max_lanes_; });
     if (free_.empty()) {
       auto lane = std::make_unique<Lane>(gpu_);
       ++lanes_;
@@ -43,7 +45,7 @@ class LanePool {
   }
 
   const int gpu_;
-  const std::size_t most_;
+  const std::size_t max_lanes_;
   std::mutex mutex_;
   std::condition_variable returned_;
   std::vector<std::unique_ptr<Lane>> free_;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The cleaning of motion masks, as clean_mask() of init/background.h.
+// The cleaning of motion masks, as clean_mask() of init/background.cpp.
 #include "backend/cuda/motion.h"
 #include "backend/cuda/pixel_grid.cuh"
 

@@ -8,10 +8,10 @@ namespace stgs::encoder::cuda {
 namespace {
 
 using geometry::kLengthBins;
+using geometry::kMaskReach;
 using geometry::kMaxMedianSamples;
 
 constexpr int kMaxSamples = static_cast<int>(kMaxMedianSamples);
-constexpr int kMaskReach = 2;  // radius by which masks are dilated, pixels
 
 __device__ bool is_masked_near(const std::uint8_t* mask, MotionSize size, int x, int y) {
   for (int j = max(y - kMaskReach, 0); j <= min(y + kMaskReach, size.height - 1); ++j) {
@@ -168,8 +168,8 @@ __global__ void __launch_bounds__(kPixelThreads)
   }
   __syncthreads();
   const std::uint32_t total = sums[kLengthBins - 1];
-  const float longest =
-      geometry::moving_length_of(__syncthreads_count(sums[thread] <= total / 2 ? 1 : 0));
+  const int median = __syncthreads_count(sums[thread] <= total / 2 ? 1 : 0);
+  const float longest = geometry::moving_length_of(geometry::binned_length(median));
   if (at.x >= size.width || at.y >= size.height) return;
   const std::size_t i =
       at.frame * static_cast<std::size_t>(size.width * size.height) + at.y * size.width + at.x;

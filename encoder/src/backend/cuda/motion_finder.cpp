@@ -10,7 +10,9 @@
 namespace stgs::encoder {
 namespace {
 
-constexpr std::size_t kMotionLanes = 16;  // cameras at a time
+// Cameras at a time. A camera keeps its lane while its frames are read and its masks are written,
+// because the images and the flow of the chunk before are on the GPU.
+constexpr std::size_t kMotionLanes = 16;
 
 class CudaMotionFinder final : public geometry::MotionFinder {
  public:

@@ -96,6 +96,7 @@ Status MotionLane::wait() {
 
 Result<MedianBackground> MotionLane::find_background(const geometry::MedianSamples& samples) {
   STGS_TRY(start());
+  const WaitAtEnd at_end{stream_};
   const MotionSize size{samples.width, samples.height};
   const std::size_t pixels = pixels_of(size), count = static_cast<std::size_t>(samples.count);
   const bool has_masks = samples.mask != nullptr;
@@ -190,7 +191,8 @@ Status MotionLane::start_background(const MotionSequence& sequence) {
     return {};
   };
   STGS_TRY(upload(copy, 0, bytes, chunk_.background.colour));
-  launch_background(size_, chunk_.background, geometry::threshold_base(sequence.noise), stream_);
+  launch_background(size_, chunk_.background,
+                    static_cast<float>(geometry::threshold_base(sequence.noise)), stream_);
   return clear(chunk_.moving, 0, (kMotionChunk + 1) * pixels_of(size_));
 }
 
@@ -279,6 +281,7 @@ Status MotionLane::hand_over(const MotionSequence& sequence, int first) {
 
 Status MotionLane::find_motion(const MotionSequence& sequence) {
   STGS_TRY(start());
+  const WaitAtEnd at_end{stream_};
   STGS_TRY(allocate({sequence.width, sequence.height}, kMotionChunk));
   STGS_TRY(start_background(sequence));
   loaded_ = 0;
@@ -296,6 +299,7 @@ Result<std::vector<std::int16_t>> MotionLane::find_flow(const geometry::FlowPair
   if (!has_flow(size))
     return std::vector<std::int16_t>(packed_values(), std::int16_t{geometry::kUnknownFlow});
   STGS_TRY(start());
+  const WaitAtEnd at_end{stream_};
   STGS_TRY(allocate(size, 1));
   const std::size_t pixels = pixels_of(size);
   for (const int k : {0, 1})

@@ -11,10 +11,11 @@
 
 namespace stgs::encoder::cuda {
 
-// One thread at a time. The memory is that of the samples of a background or of kMotionChunk
-// frames, whichever is more: 35 MiB on the GPU for images of 640x360 pixels.
-inline constexpr int kMotionChunk = 4;
+inline constexpr int kMotionChunk = 4;  // frames at a time
 
+// One thread at a time. Calls wait for the GPU, also those that fail: the next one may free memory
+// that copies use. The memory is that of the samples of a background or of kMotionChunk frames,
+// whichever is more: 35 MiB on the GPU for images of 640x360 pixels.
 class MotionLane {
  public:
   explicit MotionLane(int gpu) : gpu_(gpu) {}

@@ -213,13 +213,13 @@ unsigned region_count(const SweepRegions& regions) {
 }  // namespace
 
 void launch_sweep_costs(const SweepRegions& regions, cudaStream_t stream) {
-  const dim3 grid(static_cast<unsigned>(regions.most_tiles), region_count(regions),
-                  blocks_of(static_cast<std::size_t>(regions.most_planes), kPlanesPerBlock));
+  const dim3 grid(static_cast<unsigned>(regions.max_tiles), region_count(regions),
+                  blocks_of(static_cast<std::size_t>(regions.max_planes), kPlanesPerBlock));
   costs_kernel<<<grid, kSweepTile * kSweepTile, 0, stream>>>(regions);
 }
 
 void launch_sweep_paths(const SweepRegions& regions, cudaStream_t stream) {
-  const auto kernel = regions.most_planes <= 64 ? paths_kernel<2> : paths_kernel<kMaxPlanesPerLane>;
+  const auto kernel = regions.max_planes <= 64 ? paths_kernel<2> : paths_kernel<kMaxPlanesPerLane>;
   const auto launch = [&](int lines, int dx, int dy) {
     const dim3 grid(
         static_cast<unsigned>(blocks_of(static_cast<std::size_t>(lines), kLinesPerBlock)),
@@ -227,13 +227,13 @@ void launch_sweep_paths(const SweepRegions& regions, cudaStream_t stream) {
     kernel<<<grid, dim3(32, kLinesPerBlock), 0, stream>>>(regions, dx, dy);
   };
   for (const int step : {1, -1}) {
-    launch(regions.highest, step, 0);
-    launch(regions.widest, 0, step);
+    launch(regions.max_height, step, 0);
+    launch(regions.max_width, 0, step);
   }
 }
 
 void launch_sweep_depths(const SweepRegions& regions, cudaStream_t stream) {
-  depths_kernel<<<dim3(blocks_of(regions.most_pixels, 256), region_count(regions)), 256, 0,
+  depths_kernel<<<dim3(blocks_of(regions.max_pixels, 256), region_count(regions)), 256, 0,
                   stream>>>(regions);
 }
 

@@ -41,8 +41,8 @@ struct RegionDepth {
 struct SweepRegions {
   const SweepRegion* regions;
   int count;
-  int widest, highest, most_planes, most_tiles;  // over all regions
-  std::size_t most_pixels;
+  int max_width, max_height, max_planes, max_tiles;  // over all regions
+  std::size_t max_pixels;
   std::uint8_t* costs;   // the volume
   std::uint16_t* sums;   // of path costs; zero before launch_sweep_paths()
   RegionDepth* results;  // per pixel

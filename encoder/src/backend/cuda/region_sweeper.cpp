@@ -19,11 +19,11 @@ void RegionSweeper::add(SweepRegion region) {
   const int tiles = blocks_of(width, kSweepTile) * blocks_of(height, kSweepTile);
   region.volume = volume_;
   region.pixels = pixels_;
-  arrays_.widest = std::max(arrays_.widest, region.width);
-  arrays_.highest = std::max(arrays_.highest, region.height);
-  arrays_.most_planes = std::max(arrays_.most_planes, region.planes);
-  arrays_.most_tiles = std::max(arrays_.most_tiles, tiles);
-  arrays_.most_pixels = std::max(arrays_.most_pixels, width * height);
+  arrays_.max_width = std::max(arrays_.max_width, region.width);
+  arrays_.max_height = std::max(arrays_.max_height, region.height);
+  arrays_.max_planes = std::max(arrays_.max_planes, region.planes);
+  arrays_.max_tiles = std::max(arrays_.max_tiles, tiles);
+  arrays_.max_pixels = std::max(arrays_.max_pixels, width * height);
   pixels_ += width * height;
   volume_ += width * height * static_cast<std::size_t>(region.planes);
   regions_.push_back(region);

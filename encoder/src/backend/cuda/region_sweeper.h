@@ -33,7 +33,7 @@ class RegionSweeper {
   std::vector<SweepRegion> regions_;
   std::size_t volume_ = 0, pixels_ = 0;  // entries
   SweepRegions arrays_{};
-  Uploaded<SweepRegion> device_regions_;
+  Uploaded<SweepRegion> device_regions_{"regions of plane sweeps"};
   DeviceArray<std::uint8_t> costs_;
   DeviceArray<std::uint16_t> sums_;
   DeviceArray<RegionDepth> device_results_;

@@ -7,7 +7,7 @@ namespace stgs::encoder::cuda {
 
 Status with_remedy(const Status& status) {
   if (status.ok()) return {};
-  return {status.code(), status.message() + "; or use --backend cpu"};
+  return {status.code(), status.message() + "; --backend cpu does without the GPU"};
 }
 
 Status SerialGpu::create(int gpu) {

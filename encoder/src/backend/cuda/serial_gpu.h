@@ -12,7 +12,8 @@ namespace stgs::encoder::cuda {
 // Adds the remedy of users of --backend to an error of the GPU.
 Status with_remedy(const Status& status);
 
-// Waits also after an error or an exception, because copies read the memory of the caller.
+// Waits also after an error or an exception, because copies use memory that is freed or written
+// afterwards.
 struct WaitAtEnd {
   const Stream& stream;
   ~WaitAtEnd() { (void)stream.wait(); }

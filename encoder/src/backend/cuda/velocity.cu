@@ -101,15 +101,15 @@ __global__ void __launch_bounds__(kBlock)
   all.matched[at] = found > 0.0f ? Vec3{sum.x / found, sum.y / found, sum.z / found} : unknown();
 }
 
-// One thread per point of pair blockIdx.y: the median of the steps of its nearest `most` points.
-__global__ void __launch_bounds__(kBlock) smooth_kernel(VelocityArrays all, int most) {
+// One thread per point of pair blockIdx.y: the median of the steps of at most `neighbours` points.
+__global__ void __launch_bounds__(kBlock) smooth_kernel(VelocityArrays all, int neighbours) {
   const MatchedClouds pair = all.pairs[blockIdx.y];
   const int i = static_cast<int>(blockIdx.x) * kBlock + static_cast<int>(threadIdx.x);
   if (i >= pair.from_count) return;
   const std::size_t at = pair.first + static_cast<std::size_t>(i);
   float x[kWideNeighbours], y[kWideNeighbours], z[kWideNeighbours];
   int known = 0;
-  const int count = min(most, static_cast<int>(all.neighbour_counts[at]));
+  const int count = min(neighbours, static_cast<int>(all.neighbour_counts[at]));
   for (int k = 0; k < count; ++k) {
     const std::uint32_t near = all.neighbours[static_cast<std::size_t>(k) * all.points + at];
     const Vec3 step = all.matched[pair.first + near];
@@ -126,7 +126,7 @@ __global__ void __launch_bounds__(kBlock) smooth_kernel(VelocityArrays all, int 
 }
 
 dim3 grid_of(const VelocityArrays& arrays) {
-  return dim3(static_cast<unsigned>(blocks_of(arrays.most_points, kBlock)),
+  return dim3(static_cast<unsigned>(blocks_of(arrays.max_points, kBlock)),
               static_cast<unsigned>(arrays.count));
 }
 

@@ -20,12 +20,12 @@ struct MatchedClouds {
   std::size_t first;  // of the points of `from`, in the arrays below
 };
 
-// The pairs of frames of a window.
+// The pairs of frames of a problem.
 struct VelocityArrays {
   const MatchedClouds* pairs;
   int count;
-  std::size_t points, most_points;  // of `from`: of all pairs, and of the largest
-  float reach;                      // scene units
+  std::size_t points, max_points;  // of `from`: of all pairs, and of the largest
+  float reach;                     // scene units
   // The neighbours within reach of each point, among its kWideNeighbours nearest: neighbour k of
   // point i is at k * points + i, an index into `from`.
   std::uint32_t* neighbours;

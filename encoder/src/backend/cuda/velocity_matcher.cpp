@@ -18,10 +18,6 @@ using geometry::MatchPoint;
 using geometry::VelocityProblem;
 using math::Vec3;
 
-// Of the pairs that are matched at a time. A point takes 125 bytes.
-constexpr std::size_t kMaxPoints = std::size_t{1} << 21, kMaxPairs = 4096;
-
-// Runs one problem at a time.
 class CudaVelocityMatcher final : public geometry::VelocityMatcher {
  public:
   Status create(int gpu) { return gpu_.create(gpu); }
@@ -34,47 +30,41 @@ class CudaVelocityMatcher final : public geometry::VelocityMatcher {
  private:
   Status run_all(VelocityProblem& problem) {
     STGS_TRY(upload_frames(problem));
-    for (std::size_t first = 0; first < problem.pairs.size();) {
-      const std::size_t end = make_batch(problem, first);
-      if (arrays_.points > 0) STGS_TRY(run_batch());
-      take_steps(problem, first, end);
-      first = end;
+    list_pairs(problem);
+    if (arrays_.points == 0) return {};
+    STGS_TRY(match_pairs());
+    for (std::size_t k = 0; k < pairs_.size(); ++k) {
+      const Vec3* const from = steps_.data() + pairs_[k].first;
+      problem.pairs[k].steps.assign(from, from + pairs_[k].from_count);
     }
     return {};
   }
 
   Status upload_frames(const VelocityProblem& problem) {
-    points_.clear();
-    frame_at_.clear();
-    for (const std::vector<MatchPoint>& frame : problem.frames) {
-      frame_at_.push_back(points_.size());
-      points_.insert(points_.end(), frame.begin(), frame.end());
-    }
-    return device_points_.set(points_, stream_);
+    std::size_t total = 0;
+    for (const std::vector<MatchPoint>& frame : problem.frames) total += frame.size();
+    STGS_TRY(points_.start(total));
+    frames_.clear();
+    for (const std::vector<MatchPoint>& frame : problem.frames)
+      STGS_TRY(points_.add(frame.data(), frame.size(), stream_, &frames_.emplace_back()));
+    return {};
   }
 
-  // Lists the pairs from `first` on that are matched together, and returns their end.
-  std::size_t make_batch(const VelocityProblem& problem, std::size_t first) {
+  void list_pairs(const VelocityProblem& problem) {
     pairs_.clear();
     arrays_ = {};
     arrays_.reach = static_cast<float>(problem.reach);
-    std::size_t end = first;
-    for (; end < problem.pairs.size() && end - first < kMaxPairs; ++end) {
-      const FramePair& pair = problem.pairs[end];
-      const std::size_t from = problem.frames[pair.from].size(),
-                        to = problem.frames[pair.to].size();
-      if (end > first && arrays_.points + from > kMaxPoints) break;
-      pairs_.push_back({device_points_.data() + frame_at_[pair.from],
-                        device_points_.data() + frame_at_[pair.to], static_cast<int>(from),
-                        static_cast<int>(to), arrays_.points});
+    for (const FramePair& pair : problem.pairs) {
+      const std::size_t from = problem.frames[pair.from].size();
+      pairs_.push_back({frames_[pair.from], frames_[pair.to], static_cast<int>(from),
+                        static_cast<int>(problem.frames[pair.to].size()), arrays_.points});
       arrays_.points += from;
-      arrays_.most_points = std::max(arrays_.most_points, from);
+      arrays_.max_points = std::max(arrays_.max_points, from);
     }
     arrays_.count = static_cast<int>(pairs_.size());
-    return end;
   }
 
-  Status run_batch() {
+  Status match_pairs() {
     STGS_TRY(device_pairs_.set(pairs_, stream_));
     STGS_TRY(neighbours_.ensure(arrays_.points * geometry::kWideNeighbours));
     STGS_TRY(neighbour_counts_.ensure(arrays_.points));
@@ -97,24 +87,15 @@ class CudaVelocityMatcher final : public geometry::VelocityMatcher {
     return stream_.wait();
   }
 
-  void take_steps(VelocityProblem& problem, std::size_t first, std::size_t end) const {
-    for (std::size_t k = first; k < end; ++k) {
-      const cuda::MatchedClouds& pair = pairs_[k - first];
-      const auto from = steps_.begin() + static_cast<std::ptrdiff_t>(pair.first);
-      problem.pairs[k].steps.assign(from, from + pair.from_count);
-    }
-  }
-
   cuda::SerialGpu gpu_;
   const cuda::Stream& stream_ = gpu_.stream();
-  cuda::Uploaded<MatchPoint> device_points_;
-  cuda::Uploaded<cuda::MatchedClouds> device_pairs_;
+  cuda::Uploaded<MatchPoint> points_{"dynamic points"};
+  cuda::Uploaded<cuda::MatchedClouds> device_pairs_{"pairs of frames"};
   DeviceArray<std::uint32_t> neighbours_;
   DeviceArray<std::uint8_t> neighbour_counts_;
   DeviceArray<Vec3> matched_, device_steps_;
   cuda::VelocityArrays arrays_{};
-  std::vector<MatchPoint> points_;
-  std::vector<std::size_t> frame_at_;  // first point of each frame
+  std::vector<const MatchPoint*> frames_;  // on the device
   std::vector<cuda::MatchedClouds> pairs_;
   std::vector<Vec3> steps_;
 };

@@ -15,14 +15,10 @@ using geometry::SweepSource;
 using geometry::ViewSweep;
 using geometry::ViewSweeps;
 
-// Of the sweeps that run at a time. An entry takes 3 bytes.
-constexpr std::size_t kMaxVolume = std::size_t{1} << 26;
-
 std::size_t pixels_of(const SweepSource& image) {
   return static_cast<std::size_t>(image.width) * static_cast<std::size_t>(image.height);
 }
 
-// Runs one problem at a time.
 class CudaViewSweeper final : public geometry::ViewSweeper {
  public:
   Status create(int gpu) { return gpu_.create(gpu); }
@@ -35,13 +31,11 @@ class CudaViewSweeper final : public geometry::ViewSweeper {
  private:
   Status run_all(const ViewSweeps& problem) {
     STGS_TRY(upload_images(problem));
-    for (std::size_t first = 0; first < problem.sweeps.size();) {
-      const std::size_t end = make_batch(problem, first);
-      STGS_TRY(run_batch());
-      for (std::size_t k = first; k < end; ++k)
-        take_depths(problem.sweeps[k], sweeper_.regions()[k - first]);
-      first = end;
-    }
+    sweeper_.clear();
+    for (const ViewSweep& sweep : problem.sweeps) sweeper_.add(region_of(sweep));
+    STGS_TRY(sweep_regions());
+    for (std::size_t k = 0; k < problem.sweeps.size(); ++k)
+      take_depths(problem.sweeps[k], sweeper_.regions()[k]);
     return {};
   }
 
@@ -64,20 +58,6 @@ class CudaViewSweeper final : public geometry::ViewSweeper {
     return {};
   }
 
-  // Lists the sweeps from `first` on that run together, and returns their end.
-  std::size_t make_batch(const ViewSweeps& problem, std::size_t first) {
-    sweeper_.clear();
-    std::size_t end = first;
-    for (; end < problem.sweeps.size(); ++end) {
-      const SweepRegion region = region_of(problem.sweeps[end]);
-      const std::size_t volume =
-          pixels_of(region.reference) * static_cast<std::size_t>(region.planes);
-      if (end > first && sweeper_.volume() + volume > kMaxVolume) break;
-      sweeper_.add(region);
-    }
-    return end;
-  }
-
   SweepRegion region_of(const ViewSweep& sweep) const {
     SweepRegion region{};
     region.reference = images_[sweep.reference];
@@ -91,7 +71,7 @@ class CudaViewSweeper final : public geometry::ViewSweeper {
     return region;
   }
 
-  Status run_batch() {
+  Status sweep_regions() {
     STGS_TRY(sweeper_.start(stream_));
     STGS_TRY(cuda_status(cudaMemsetAsync(sweeper_.arrays().costs, 0, sweeper_.volume(), stream_),
                          "clearing a cost volume"));
@@ -108,7 +88,8 @@ class CudaViewSweeper final : public geometry::ViewSweeper {
 
   cuda::SerialGpu gpu_;
   const cuda::Stream& stream_ = gpu_.stream();
-  cuda::Uploaded<std::uint32_t> corners_, usable_;
+  cuda::Uploaded<std::uint32_t> corners_{"images of static content"};
+  cuda::Uploaded<std::uint32_t> usable_{"masks of static content"};
   cuda::RegionSweeper sweeper_;
   std::vector<SweepSource> images_;  // on the device
 };
