@@ -78,6 +78,8 @@ class Rig final : public LivePreparer {
   Status choose_backend(const LogSink& log) {
     STGS_ASSIGN(decoding_, choose_video_decoding(settings_, has_video() ? kEndless : 0, log));
     STGS_ASSIGN(changer_, choose_frame_changer(settings_, log));
+    STGS_ASSIGN(motion_finder_,
+                geometry::make_motion_finder(settings_.backend, settings_.share.index, log));
     STGS_ASSIGN(sweeper_,
                 geometry::make_hull_sweeper(settings_.backend, settings_.share.index, log));
     STGS_ASSIGN(velocity_matcher_,
@@ -156,6 +158,7 @@ class Rig final : public LivePreparer {
     init.separate_motion = true;
     init.write_report = false;
     init.live = backgrounds_;
+    init.motion_finder = motion_finder_;
     init.sweeper = sweeper_;
     init.velocity_matcher = velocity_matcher_;
     init.point_interval = point_interval;
@@ -286,6 +289,7 @@ class Rig final : public LivePreparer {
   std::once_flag started_;
   std::shared_ptr<init::LiveBackgrounds> backgrounds_;
   // Null: on the CPU.
+  std::shared_ptr<geometry::MotionFinder> motion_finder_;
   std::shared_ptr<geometry::HullSweeper> sweeper_;
   std::shared_ptr<geometry::VelocityMatcher> velocity_matcher_;
   std::shared_ptr<const StaticFindings> findings_;  // null before the first window

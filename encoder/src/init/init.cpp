@@ -39,7 +39,7 @@ struct State {
   Work work;
   std::vector<View> views{};
   CalibrationCheck calibration{};
-  std::unique_ptr<geometry::MotionFinder> motion_finder{};  // null: on the CPU
+  std::shared_ptr<geometry::MotionFinder> motion_finder = settings.motion_finder;
   std::vector<ViewMotion> motion{};
   // Those whose calibration agrees with the others, or all if few do. Points come from them alone:
   // a wrong pose puts points in wrong places, also by its masks and as the partner of other views.
@@ -104,8 +104,8 @@ Status find_all_motion(State& state) {
   }
   STGS_TRY(state.work.for_each(int(state.views.size()), [&](int i) {
     if (state.settings.live) {
-      return find_live_motion(state.capture, state.views[i], state.settings, state.work,
-                              &state.motion[i]);
+      return find_live_motion(state.capture, state.views[i], state.settings,
+                              state.motion_finder.get(), state.work, &state.motion[i]);
     }
     return find_motion(state.capture, state.views[i], state.settings, state.motion_finder.get(),
                        state.work, &state.motion[i]);

@@ -16,6 +16,7 @@ namespace stgs::encoder {
 
 namespace geometry {
 class HullSweeper;
+class MotionFinder;
 class VelocityMatcher;
 }  // namespace geometry
 namespace init {
@@ -34,6 +35,7 @@ struct InitSettings {
   std::string backend = "auto";  // of depth, motion, dynamic points and velocities
   int gpu = 0;                   // of the same, modulo the number of GPUs
   // Of a live capture, because its windows share them; null: on the CPU.
+  std::shared_ptr<geometry::MotionFinder> motion_finder;
   std::shared_ptr<geometry::HullSweeper> sweeper;  // of dynamic points
   std::shared_ptr<geometry::VelocityMatcher> velocity_matcher;
   // Folder of precomputed optical flow: CAM/NNNNNN.flo (Middlebury) is the flow from source frame

@@ -168,6 +168,24 @@ Status write_masks(const PreparedCapture& capture, const View& view, const InitS
   return {};
 }
 
+// Returns the frames of a live window that get masks.
+std::vector<int> masked_frames(const PreparedCapture& capture, const View& view, int interval) {
+  std::vector<int> frames = point_frames(capture.frames, interval);
+  std::erase_if(frames, [&](int frame) { return !has_frame(capture, *view.camera, frame); });
+  return frames;
+}
+
+Status find_masks(const PreparedCapture& capture, const View& view,
+                  const LiveBackground& background, const std::vector<int>& frames,
+                  const Work& work, const MaskSink& take) {
+  for (const int frame : frames) {
+    STGS_TRY(work.check());
+    STGS_ASSIGN(const cv::Mat image, load_image(capture, view, frame));
+    STGS_TRY(take(frame, background.mask(image)));
+  }
+  return {};
+}
+
 }  // namespace
 
 cv::Mat moving_by_flow(const cv::Mat& flow) {
@@ -234,10 +252,12 @@ Status find_motion(const PreparedCapture& capture, const View& view, const InitS
 }
 
 Status find_live_motion(const PreparedCapture& capture, const View& view,
-                        const InitSettings& settings, const Work& work, ViewMotion* motion) {
+                        const InitSettings& settings, geometry::MotionFinder* gpu, const Work& work,
+                        ViewMotion* motion) {
   LiveBackground* known = settings.live->find(view.camera->name);
   if (known == nullptr) {
-    STGS_ASSIGN(Background first, find_background(capture, view, false));
+    STGS_ASSIGN(Background first, gpu != nullptr ? find_gpu_background(*gpu, capture, view, false)
+                                                 : find_background(capture, view, false));
     known = &settings.live->add(view.camera->name, std::move(first));
   }
   known->resize(view.size());
@@ -245,15 +265,16 @@ Status find_live_motion(const PreparedCapture& capture, const View& view,
   motion->background_valid = known->background().valid.clone();
   motion->coverage.assign(capture.frames, 0);
   cv::Mat masked(view.size(), CV_8U, cv::Scalar(0));
-  for (const int frame : point_frames(capture.frames, settings.point_interval)) {
-    STGS_TRY(work.check());
-    if (!has_frame(capture, *view.camera, frame)) continue;
-    STGS_ASSIGN(const cv::Mat image, load_image(capture, view, frame));
-    const cv::Mat mask = known->mask(image);
+  const MaskSink take = [&](int frame, const cv::Mat& mask) -> Status {
     STGS_TRY(add_mask(capture, view, frame, mask));
     motion->coverage[frame] = share_of(mask);
     masked |= mask;
-  }
+    return {};
+  };
+  const std::vector<int> frames = masked_frames(capture, view, settings.point_interval);
+  STGS_TRY(gpu != nullptr
+               ? find_gpu_masks(*gpu, capture, view, known->background(), frames, work, take)
+               : find_masks(capture, view, *known, frames, work, take));
   std::vector<cv::Mat> learnt;
   for (int i = 0; i < kLearntImages; ++i) {
     const int frame = i * (capture.frames - 1) / (kLearntImages - 1);

@@ -54,7 +54,8 @@ Status find_motion(const PreparedCapture& capture, const View& view, const InitS
 // The same for a window of a live capture, by its background alone: there is no flow. Only frames
 // with dynamic points (point_frames.h) get masks. The background then learns from the window.
 Status find_live_motion(const PreparedCapture& capture, const View& view,
-                        const InitSettings& settings, const Work& work, ViewMotion* motion);
+                        const InitSettings& settings, geometry::MotionFinder* gpu, const Work& work,
+                        ViewMotion* motion);
 
 // Finds the flow from a frame before the last to the next, unless it was found. Concurrent calls
 // need different frames or cameras. Detecting the motion of a camera with given masks leaves it

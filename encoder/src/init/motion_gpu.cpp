@@ -29,6 +29,17 @@ FlowPatch patch_of(const std::int16_t* flow, const cv::Mat& mask) {
   return patch;
 }
 
+// `background` must outlive the sequence.
+geometry::MotionSequence sequence_of(const View& view, int frames, const Background& background) {
+  geometry::MotionSequence sequence;
+  sequence.width = view.width;
+  sequence.height = view.height;
+  sequence.frames = frames;
+  sequence.background = background.colour.data;
+  sequence.noise = background.noise;
+  return sequence;
+}
+
 }  // namespace
 
 Result<Background> find_gpu_background(geometry::MotionFinder& gpu, const PreparedCapture& capture,
@@ -55,12 +66,7 @@ Result<Background> find_gpu_background(geometry::MotionFinder& gpu, const Prepar
 Status write_gpu_masks(geometry::MotionFinder& gpu, const PreparedCapture& capture,
                        const View& view, const InitSettings& settings, const Background& background,
                        const Work& work, ViewMotion* motion) {
-  geometry::MotionSequence sequence;
-  sequence.width = view.width;
-  sequence.height = view.height;
-  sequence.frames = capture.frames;
-  sequence.background = background.colour.data;
-  sequence.noise = background.noise;
+  geometry::MotionSequence sequence = sequence_of(view, capture.frames, background);
   sequence.image = [&](int frame, std::uint8_t* rgb) -> Status {
     STGS_TRY(work.check());
     return load_image_to(capture, view, frame, rgb);
@@ -83,6 +89,23 @@ Status write_gpu_masks(geometry::MotionFinder& gpu, const PreparedCapture& captu
     motion->flow[found.frame] = patch_of(found.flow, mask);
     motion->has_flow[found.frame] = 1;
     return {};
+  };
+  return gpu.find_motion(sequence);
+}
+
+Status find_gpu_masks(geometry::MotionFinder& gpu, const PreparedCapture& capture, const View& view,
+                      const Background& background, const std::vector<int>& frames,
+                      const Work& work, const MaskSink& take) {
+  if (frames.empty()) return {};
+  geometry::MotionSequence sequence = sequence_of(view, int(frames.size()), background);
+  sequence.use_flow = false;
+  sequence.image = [&](int i, std::uint8_t* rgb) -> Status {
+    STGS_TRY(work.check());
+    return load_image_to(capture, view, frames[i], rgb);
+  };
+  sequence.take = [&](const geometry::FrameMotion& found) {
+    return take(frames[found.frame],
+                cv::Mat(view.size(), CV_8U, const_cast<std::uint8_t*>(found.mask)));
   };
   return gpu.find_motion(sequence);
 }

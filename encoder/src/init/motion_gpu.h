@@ -2,6 +2,9 @@
 // Motion detection with the frames of a prepared capture on a GPU.
 #pragma once
 
+#include <functional>
+#include <vector>
+
 #include "geometry/motion_finder.h"
 #include "init/background.h"
 #include "init/motion.h"
@@ -16,6 +19,14 @@ Result<Background> find_gpu_background(geometry::MotionFinder& gpu, const Prepar
 Status write_gpu_masks(geometry::MotionFinder& gpu, const PreparedCapture& capture,
                        const View& view, const InitSettings& settings, const Background& background,
                        const Work& work, ViewMotion* motion);
+
+// Receives the mask of a frame, at the size of the view.
+using MaskSink = std::function<Status(int frame, const cv::Mat& mask)>;
+
+// Finds the masks of frames by a background alone, as LiveBackground::mask().
+Status find_gpu_masks(geometry::MotionFinder& gpu, const PreparedCapture& capture, const View& view,
+                      const Background& background, const std::vector<int>& frames,
+                      const Work& work, const MaskSink& take);
 
 // Sets the flow of a frame.
 Status find_gpu_flow(geometry::MotionFinder& gpu, const PreparedCapture& capture, const View& view,
