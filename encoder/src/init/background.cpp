@@ -6,6 +6,7 @@
 
 #include "geometry/masked_median.h"
 #include "geometry/motion_rule.h"
+#include "init/components.h"
 #include "stgs/encoder/frame_memory.h"
 
 namespace stgs::encoder::init {
@@ -55,56 +56,57 @@ Background median_of(const std::vector<cv::Mat>& samples, const std::vector<cv::
   return out;
 }
 
+bool has_pixel(const cv::Mat& mask, const Run& run) {
+  const std::uint8_t* const row = mask.ptr(run.y);
+  return std::find(row + run.first, row + run.last, 255) != row + run.last;
+}
+
+void set_pixels(const Run& run, cv::Mat* mask) {
+  std::fill(mask->ptr(run.y) + run.first, mask->ptr(run.y) + run.last, std::uint8_t{255});
+}
+
 // Returns the components of `weak` with at least `smallest` pixels that contain a pixel of
 // `strong`.
 cv::Mat hysteresis(const cv::Mat& weak, const cv::Mat& strong, int smallest) {
-  cv::Mat labels, stats, centroids;
-  const int n = cv::connectedComponentsWithStats(weak, labels, stats, centroids, 8, CV_32S);
-  std::vector<std::uint8_t> keep(n, 0);
-  for (int y = 0; y < weak.rows; ++y) {
-    const int* label = labels.ptr<int>(y);
-    const std::uint8_t* seed = strong.ptr(y);
-    for (int x = 0; x < weak.cols; ++x) {
-      if (seed[x] && label[x] > 0) keep[label[x]] = 255;
-    }
-  }
-  for (int i = 1; i < n; ++i) {
-    if (stats.at<int>(i, cv::CC_STAT_AREA) < smallest) keep[i] = 0;
-  }
-  cv::Mat out(weak.size(), CV_8U);
-  for (int y = 0; y < weak.rows; ++y) {
-    for (int x = 0; x < weak.cols; ++x) {
-      out.at<std::uint8_t>(y, x) = keep[labels.at<int>(y, x)];
-    }
-  }
+  const Components found = find_components(weak, 255, true);
+  std::vector<bool> is_strong(found.components.size(), false);
+  for (const Run& run : found.runs)
+    if (!is_strong[run.component]) is_strong[run.component] = has_pixel(strong, run);
+  cv::Mat out(weak.size(), CV_8U, cv::Scalar(0));
+  for (const Run& run : found.runs)
+    if (is_strong[run.component] && found.components[run.component].area >= smallest)
+      set_pixels(run, &out);
   return out;
 }
 
 // Fills small holes, because the uniform interior of a moving object shows no change.
 void fill_holes(cv::Mat* mask) {
-  cv::Mat labels, stats, centroids;
-  const int n = cv::connectedComponentsWithStats(~*mask, labels, stats, centroids, 4, CV_32S);
   const int largest = int(mask->total() / 120);
-  for (int i = 1; i < n; ++i) {
-    const cv::Rect box(stats.at<int>(i, cv::CC_STAT_LEFT), stats.at<int>(i, cv::CC_STAT_TOP),
-                       stats.at<int>(i, cv::CC_STAT_WIDTH), stats.at<int>(i, cv::CC_STAT_HEIGHT));
-    const bool at_border =
-        box.x == 0 || box.y == 0 || box.br().x == mask->cols || box.br().y == mask->rows;
-    if (at_border || stats.at<int>(i, cv::CC_STAT_AREA) > largest) continue;
-    (*mask)(box).setTo(255, labels(box) == i);
+  const Components found = find_components(*mask, 0, false);
+  for (const Run& run : found.runs) {
+    const Component& hole = found.components[run.component];
+    if (!hole.at_border && hole.area <= largest) set_pixels(run, mask);
   }
 }
 
 }  // namespace
 
-cv::Mat difference(const cv::Mat& a, const cv::Mat& b) {
-  cv::Mat blurred_a, blurred_b, d;
-  cv::blur(a, blurred_a, {3, 3});
-  cv::blur(b, blurred_b, {3, 3});
-  cv::absdiff(blurred_a, blurred_b, d);
+cv::Mat blurred(const cv::Mat& image) {
+  cv::Mat out;
+  cv::blur(image, out, {3, 3});
+  return out;
+}
+
+cv::Mat largest_difference(const cv::Mat& a, const cv::Mat& b) {
+  cv::Mat d;
+  cv::absdiff(a, b, d);
   cv::Mat channels[3];
   cv::split(d, channels);
   return cv::max(cv::max(channels[0], channels[1]), channels[2]);
+}
+
+cv::Mat difference(const cv::Mat& a, const cv::Mat& b) {
+  return largest_difference(blurred(a), blurred(b));
 }
 
 cv::Mat change_threshold(const cv::Mat& background, double noise) {
@@ -116,6 +118,18 @@ cv::Mat change_threshold(const cv::Mat& background, double noise) {
   cv::magnitude(dx, dy, slope);
   cv::dilate(slope, slope, cv::Mat());
   return cv::Mat(6.0 + 3.0 * noise + 0.15 * slope);
+}
+
+cv::Mat level_of(const cv::Mat& threshold, float scale) {
+  cv::Mat out(threshold.size(), CV_8U);
+  for (int y = 0; y < out.rows; ++y) {
+    for (int x = 0; x < out.cols; ++x) {
+      // Truncated, because changes are whole levels.
+      out.at<std::uint8_t>(y, x) =
+          static_cast<std::uint8_t>(std::min(255.0f, scale * threshold.at<float>(y, x)));
+    }
+  }
+  return out;
 }
 
 cv::Mat clean_mask(const cv::Mat& weak, const cv::Mat& strong) {
@@ -209,9 +223,8 @@ void LiveBackground::resize(cv::Size size) {
 }
 
 cv::Mat LiveBackground::mask(const cv::Mat& image) const {
-  cv::Mat change;
-  difference(image, background_.colour).convertTo(change, CV_32F);
-  return clean_mask(change > threshold_, change > 2.0 * threshold_);
+  const cv::Mat change = difference(image, background_.colour);
+  return clean_mask(change > level_of(threshold_, 1), change > level_of(threshold_, 2));
 }
 
 cv::Mat LiveBackground::still() const {

@@ -30,11 +30,17 @@ Background unknown_background(const View& view);
 Result<Background> find_background(const PreparedCapture& capture, const View& view,
                                    bool use_masks);
 
-// Returns the largest difference of a channel after a light blur, 8-bit.
+// Returns an image after a light blur.
+cv::Mat blurred(const cv::Mat& image);
+// Returns the largest difference of a channel, 8-bit.
+cv::Mat largest_difference(const cv::Mat& a, const cv::Mat& b);
+// The same after a light blur of both images.
 cv::Mat difference(const cv::Mat& a, const cv::Mat& b);
 // Returns the per-pixel threshold of a change from the background, CV_32F. It allows for noise, and
 // for misregistration at edges.
 cv::Mat change_threshold(const cv::Mat& background, double noise);
+// Returns the 8-bit levels above which a change is above `scale` times its threshold.
+cv::Mat level_of(const cv::Mat& threshold, float scale);
 // Returns the motion mask (0 or 255): parts of `weak` that contain a pixel of `strong`, without
 // specks and small holes.
 cv::Mat clean_mask(const cv::Mat& weak, const cv::Mat& strong);

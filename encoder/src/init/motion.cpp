@@ -45,7 +45,7 @@ cv::Mat checked_flow(cv::DISOpticalFlow& dis, const cv::Mat& a, const cv::Mat& b
   for (int y = 0; y < a.rows; ++y) {
     for (int x = 0; x < a.cols; ++x) {
       cv::Vec2f& f = forward.at<cv::Vec2f>(y, x);
-      const int tx = x + int(std::lround(f[0])), ty = y + int(std::lround(f[1]));
+      const int tx = x + cvRound(f[0]), ty = y + cvRound(f[1]);
       bool good = tx >= 0 && ty >= 0 && tx < a.cols && ty < a.rows;
       if (good) {
         const cv::Vec2f r = back.at<cv::Vec2f>(ty, tx);
@@ -170,6 +170,8 @@ Status take_given_flow(const PreparedCapture& capture, const View& view,
 Status write_masks(const PreparedCapture& capture, const View& view, const InitSettings& settings,
                    const Background& background, const Work& work, ViewMotion* motion) {
   const cv::Mat threshold = change_threshold(background.colour, background.noise);
+  const cv::Mat half = level_of(threshold, 0.5f), once = level_of(threshold, 1);
+  const cv::Mat twice = level_of(threshold, 2), still = blurred(background.colour);
   FlowFinder finder(capture, view, settings);
   STGS_ASSIGN(cv::Mat image, load_image(capture, view, 0));
   cv::Mat arriving(view.size(), CV_8U, cv::Scalar(0));  // moving by the flow into this frame
@@ -181,11 +183,10 @@ Status write_masks(const PreparedCapture& capture, const View& view, const InitS
       STGS_ASSIGN(flow, finder.find(frame, image, next, cv::Rect({0, 0}, image.size())));
       leaving = moving_by_flow(flow);
     }
-    cv::Mat change;
-    difference(image, background.colour).convertTo(change, CV_32F);
+    const cv::Mat change = largest_difference(blurred(image), still);
     const cv::Mat flowing = leaving | arriving;
-    const cv::Mat weak = (change > threshold) | (flowing & (change > 0.5 * threshold));
-    const cv::Mat strong = (change > 2.0 * threshold) | (flowing & weak);
+    const cv::Mat weak = (change > once) | (flowing & (change > half));
+    const cv::Mat strong = (change > twice) | (flowing & weak);
     const cv::Mat mask = clean_mask(weak, strong);
     STGS_TRY(add_mask(capture, view, frame, mask));
     motion->coverage[frame] = share_of(mask);
