@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <libdeflate.h>
 
-#include <array>
+#include <algorithm>
 #include <cstddef>
 #include <cstdlib>
 #include <memory>
 #include <new>
 #include <string_view>
+#include <utility>
 
 #include "stgs/encoder/image_file.h"
 
