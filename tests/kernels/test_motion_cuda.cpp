@@ -127,13 +127,13 @@ Found found_on(MotionFinder& gpu, const std::vector<cv::Mat>& images, const Back
 std::vector<cv::Mat> cpu_masks(const std::vector<cv::Mat>& images, const Background& background,
                                const std::vector<cv::Mat>& flow) {
   std::vector<cv::Mat> out;
-  const cv::Mat threshold = change_threshold(background.colour, background.noise);
+  const ChangeTest test =
+      change_test(background.colour, change_threshold(background.colour, background.noise));
   cv::Mat arriving(images[0].size(), CV_8U, cv::Scalar(0));
   for (std::size_t i = 0; i < images.size(); ++i) {
     cv::Mat leaving(images[0].size(), CV_8U, cv::Scalar(0));
     if (i < flow.size()) leaving = moving_by_flow(flow[i]);
-    out.push_back(
-        motion_mask(images[i], background.colour, threshold, cv::Mat(leaving | arriving)));
+    out.push_back(motion_mask(images[i], test, cv::Mat(leaving | arriving)));
     arriving = leaving;
   }
   return out;

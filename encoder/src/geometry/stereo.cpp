@@ -15,7 +15,7 @@ namespace {
 
 // Iterations from random planes at half the size. Then passes of one iteration that also compare
 // depths, at half the size and at full size.
-constexpr int kFirstIterations = 3, kCoarsePasses = 1, kFinePasses = 2;
+constexpr int kFirstIterations = 2, kCoarsePasses = 1, kFinePasses = 3;
 constexpr int kConsistentStart = 3;    // iterations that changes of planes shrink by
 constexpr float kConsistency = 0.05f;  // cost per pixel of reprojection error
 constexpr float kMaxCost = 0.5f;

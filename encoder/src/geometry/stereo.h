@@ -44,7 +44,7 @@ using StereoLoop = std::function<Status(int count, const std::function<Status(in
 // Returns the maps of all views. A plane is confirmed by a view with a plane at the same depth,
 // within 1 % and 1.5 pixels. Calls `loop` kStereoLoops times, unless it fails, and returns its
 // errors.
-inline constexpr int kStereoLoops = 5;
+inline constexpr int kStereoLoops = 6;
 Result<std::vector<StereoMap>> match_views(const std::vector<StereoView>& views,
                                            const StereoSettings& settings, ViewMatcher& matcher,
                                            const StereoLoop& loop);

@@ -210,6 +210,26 @@ void start(const StereoProblem& problem, const PlaneMap& map, int y, std::uint64
   }
 }
 
+// Searches without planes of an earlier pass.
+void explore(const StereoProblem& problem, const PlaneMap& map, const PixelGroup& group, int y,
+             int iteration, std::uint64_t seed, GroupSearch& search) {
+  Candidates near, varied;
+  for (int p = 0; p < group.count; ++p) {
+    near.pixel = p;
+    propagate(problem, map, group.x[p], y, true, near);
+  }
+  search.consider(near);
+  for (int p = 0; p < group.count; ++p) {
+    const std::size_t at = pixel_index(problem, group.x[p], y);
+    const Hypothesis own = map.planes[at];
+    varied.pixel = p;
+    varied.consider(own);
+    vary(problem, group.x[p], y, map.costs[at] <= search.cost(p) ? own : search.best(p), iteration,
+         random_of(seed, at), varied);
+  }
+  search.consider(varied);
+}
+
 void update(const StereoProblem& problem, const PlaneMap& map, int y, int colour, int iteration,
             std::uint64_t seed) {
   const int width = problem.reference.width;
@@ -217,21 +237,17 @@ void update(const StereoProblem& problem, const PlaneMap& map, int y, int colour
   for (int x = (y + colour) & 1; x < width; x += 2 * kPixels) {
     const PixelGroup group(x, 2, width);
     GroupSearch search(problem, group, y);
-    Candidates near, varied;
-    for (int p = 0; p < group.count; ++p) {
-      near.pixel = p;
-      propagate(problem, map, group.x[p], y, near);
+    if (is_refining(problem)) {
+      Candidates all;
+      for (int p = 0; p < group.count; ++p) {
+        all.pixel = p;
+        refine(problem, map, group.x[p], y, iteration,
+               random_of(own_seed, pixel_index(problem, group.x[p], y)), all);
+      }
+      search.consider(all);
+    } else {
+      explore(problem, map, group, y, iteration, own_seed, search);
     }
-    search.consider(near);
-    for (int p = 0; p < group.count; ++p) {
-      const std::size_t at = pixel_index(problem, group.x[p], y);
-      const Hypothesis own = map.planes[at];
-      varied.pixel = p;
-      varied.consider(own);
-      vary(problem, group.x[p], y, map.costs[at] <= search.cost(p) ? own : search.best(p),
-           iteration, random_of(own_seed, at), varied);
-    }
-    search.consider(varied);
     search.store(map);
   }
 }

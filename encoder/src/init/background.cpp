@@ -6,6 +6,7 @@
 
 #include "geometry/masked_median.h"
 #include "geometry/motion_rule.h"
+#include "init/components.h"
 #include "stgs/encoder/frame_memory.h"
 
 namespace stgs::encoder::init {
@@ -55,56 +56,59 @@ Background median_of(const std::vector<cv::Mat>& samples, const std::vector<cv::
   return out;
 }
 
+bool has_pixel(const cv::Mat& mask, const Run& run) {
+  const std::uint8_t* const row = mask.ptr(run.y);
+  return std::find(row + run.first, row + run.last, 255) != row + run.last;
+}
+
+void set_pixels(const Run& run, cv::Mat* mask) {
+  std::fill(mask->ptr(run.y) + run.first, mask->ptr(run.y) + run.last, std::uint8_t{255});
+}
+
 // Returns the components of `weak` with at least `smallest` pixels that contain a pixel of
 // `strong`.
 cv::Mat hysteresis(const cv::Mat& weak, const cv::Mat& strong, int smallest) {
-  cv::Mat labels, stats, centroids;
-  const int n = cv::connectedComponentsWithStats(weak, labels, stats, centroids, 8, CV_32S);
-  std::vector<std::uint8_t> keep(n, 0);
-  for (int y = 0; y < weak.rows; ++y) {
-    const int* label = labels.ptr<int>(y);
-    const std::uint8_t* seed = strong.ptr(y);
-    for (int x = 0; x < weak.cols; ++x) {
-      if (seed[x] && label[x] > 0) keep[label[x]] = 255;
-    }
-  }
-  for (int i = 1; i < n; ++i) {
-    if (stats.at<int>(i, cv::CC_STAT_AREA) < smallest) keep[i] = 0;
-  }
-  cv::Mat out(weak.size(), CV_8U);
-  for (int y = 0; y < weak.rows; ++y) {
-    for (int x = 0; x < weak.cols; ++x) {
-      out.at<std::uint8_t>(y, x) = keep[labels.at<int>(y, x)];
-    }
-  }
+  const Components found = find_components(weak, 255, true);
+  std::vector<bool> is_strong(found.components.size(), false);
+  for (const Run& run : found.runs)
+    if (!is_strong[run.component]) is_strong[run.component] = has_pixel(strong, run);
+  cv::Mat out(weak.size(), CV_8U, cv::Scalar(0));
+  for (const Run& run : found.runs)
+    if (is_strong[run.component] && found.components[run.component].area >= smallest)
+      set_pixels(run, &out);
   return out;
 }
 
 // Fills small holes, because the uniform interior of a moving object shows no change.
 void fill_holes(cv::Mat* mask) {
-  cv::Mat labels, stats, centroids;
-  const int n = cv::connectedComponentsWithStats(~*mask, labels, stats, centroids, 4, CV_32S);
   const int largest = geometry::largest_hole(int(mask->total()));
-  for (int i = 1; i < n; ++i) {
-    const cv::Rect box(stats.at<int>(i, cv::CC_STAT_LEFT), stats.at<int>(i, cv::CC_STAT_TOP),
-                       stats.at<int>(i, cv::CC_STAT_WIDTH), stats.at<int>(i, cv::CC_STAT_HEIGHT));
-    const bool at_border =
-        box.x == 0 || box.y == 0 || box.br().x == mask->cols || box.br().y == mask->rows;
-    if (at_border || stats.at<int>(i, cv::CC_STAT_AREA) > largest) continue;
-    (*mask)(box).setTo(255, labels(box) == i);
+  const Components found = find_components(*mask, 0, false);
+  for (const Run& run : found.runs) {
+    const Component& hole = found.components[run.component];
+    if (!hole.at_border && hole.area <= largest) set_pixels(run, mask);
   }
+}
+
+// Returns an image after a light blur.
+cv::Mat blurred(const cv::Mat& image) {
+  cv::Mat out;
+  cv::blur(image, out, {3, 3});
+  return out;
+}
+
+// Returns the largest difference of a channel, 8-bit.
+cv::Mat largest_difference(const cv::Mat& a, const cv::Mat& b) {
+  cv::Mat d;
+  cv::absdiff(a, b, d);
+  cv::Mat channels[3];
+  cv::split(d, channels);
+  return cv::max(cv::max(channels[0], channels[1]), channels[2]);
 }
 
 }  // namespace
 
 cv::Mat difference(const cv::Mat& a, const cv::Mat& b) {
-  cv::Mat blurred_a, blurred_b, d;
-  cv::blur(a, blurred_a, {3, 3});
-  cv::blur(b, blurred_b, {3, 3});
-  cv::absdiff(blurred_a, blurred_b, d);
-  cv::Mat channels[3];
-  cv::split(d, channels);
-  return cv::max(cv::max(channels[0], channels[1]), channels[2]);
+  return largest_difference(blurred(a), blurred(b));
 }
 
 cv::Mat change_threshold(const cv::Mat& background, double noise) {
@@ -119,6 +123,19 @@ cv::Mat change_threshold(const cv::Mat& background, double noise) {
 }
 
 namespace {
+
+// Returns the levels above which a change is above `scale` times its threshold, 8-bit.
+cv::Mat level_of(const cv::Mat& threshold, float scale) {
+  cv::Mat out(threshold.size(), CV_8U);
+  for (int y = 0; y < out.rows; ++y) {
+    for (int x = 0; x < out.cols; ++x) {
+      // Truncated, because changes are whole levels.
+      out.at<std::uint8_t>(y, x) =
+          static_cast<std::uint8_t>(std::min(255.0f, scale * threshold.at<float>(y, x)));
+    }
+  }
+  return out;
+}
 
 // Returns the motion mask: parts of `weak` that contain a pixel of `strong`, without specks and
 // small holes.
@@ -136,13 +153,16 @@ cv::Mat clean_mask(const cv::Mat& weak, const cv::Mat& strong) {
 
 }  // namespace
 
-cv::Mat motion_mask(const cv::Mat& image, const cv::Mat& background, const cv::Mat& threshold,
-                    const cv::Mat& flowing) {
-  cv::Mat change;
-  difference(image, background).convertTo(change, CV_32F);
-  cv::Mat weak = change > threshold, strong = change > geometry::kStrongChange * threshold;
+ChangeTest change_test(const cv::Mat& background, const cv::Mat& threshold) {
+  return {blurred(background), level_of(threshold, 1), level_of(threshold, geometry::kStrongChange),
+          level_of(threshold, geometry::kFlowingChange)};
+}
+
+cv::Mat motion_mask(const cv::Mat& image, const ChangeTest& test, const cv::Mat& flowing) {
+  const cv::Mat change = largest_difference(blurred(image), test.background);
+  cv::Mat weak = change > test.weak, strong = change > test.strong;
   if (!flowing.empty()) {
-    const cv::Mat confirmed = flowing & (change > geometry::kFlowingChange * threshold);
+    const cv::Mat confirmed = flowing & (change > test.flowing);
     weak |= confirmed;
     strong |= confirmed;
   }
@@ -212,10 +232,16 @@ Result<Background> find_background(const PreparedCapture& capture, const View& v
 LiveBackground::LiveBackground(Background first, int settle_frames)
     : background_(std::move(first)),
       settle_frames_(settle_frames),
-      threshold_(change_threshold(background_.colour, background_.noise)),
       candidate_(background_.colour.clone()),
       settled_(background_.colour.size(), CV_32S, cv::Scalar(0)),
-      still_(background_.colour.size(), CV_32S, cv::Scalar(0)) {}
+      still_(background_.colour.size(), CV_32S, cv::Scalar(0)) {
+  update();
+}
+
+void LiveBackground::update() {
+  threshold_ = change_threshold(background_.colour, background_.noise);
+  test_ = change_test(background_.colour, threshold_);
+}
 
 void LiveBackground::resize(cv::Size size) {
   if (background_.colour.size() == size) return;
@@ -223,11 +249,11 @@ void LiveBackground::resize(cv::Size size) {
     cv::resize(*image, *image, size, 0, 0, cv::INTER_AREA);
   for (cv::Mat* map : {&background_.valid, &settled_, &still_})
     cv::resize(*map, *map, size, 0, 0, cv::INTER_NEAREST);
-  threshold_ = change_threshold(background_.colour, background_.noise);
+  update();
 }
 
 cv::Mat LiveBackground::mask(const cv::Mat& image) const {
-  return motion_mask(image, background_.colour, threshold_);
+  return motion_mask(image, test_);
 }
 
 cv::Mat LiveBackground::still() const {
@@ -268,7 +294,7 @@ void LiveBackground::learn(const std::vector<cv::Mat>& images, const cv::Mat& ma
       settled = 0;
     }
   }
-  threshold_ = change_threshold(background_.colour, background_.noise);
+  update();
 }
 
 LiveBackground* LiveBackgrounds::find(const std::string& camera) {

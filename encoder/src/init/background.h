@@ -35,11 +35,17 @@ cv::Mat difference(const cv::Mat& a, const cv::Mat& b);
 // Returns the per-pixel threshold of a change from the background, CV_32F. It allows for noise, and
 // for misregistration at edges.
 cv::Mat change_threshold(const cv::Mat& background, double noise);
-// Returns the motion mask (0 or 255) of an image: where it differs from the background (RGB) by
-// more than the threshold, without specks and small holes. A smaller change suffices where
-// `flowing` is 255; empty: nowhere.
-cv::Mat motion_mask(const cv::Mat& image, const cv::Mat& background, const cv::Mat& threshold,
-                    const cv::Mat& flowing = {});
+// How images are compared with a background.
+struct ChangeTest {
+  cv::Mat background;  // after a light blur
+  // Levels above which a change is one, is certainly one, and suffices where pixels flow: 8-bit.
+  cv::Mat weak, strong, flowing;
+};
+// `background`: RGB. `threshold`: that of change_threshold().
+ChangeTest change_test(const cv::Mat& background, const cv::Mat& threshold);
+// Returns the motion mask (0 or 255) of an image: where it has changed, without specks and small
+// holes. `flowing`: 255 where pixels flow; empty: nowhere.
+cv::Mat motion_mask(const cv::Mat& image, const ChangeTest& test, const cv::Mat& flowing = {});
 // Returns the fraction of the pixels that are masked.
 float share_of(const cv::Mat& mask);
 
@@ -70,9 +76,12 @@ class LiveBackground {
   const Background& background() const { return background_; }
 
  private:
+  void update();  // sets the members that follow from background_
+
   Background background_;
   int settle_frames_;
   cv::Mat threshold_;            // of background_
+  ChangeTest test_;              // of background_
   cv::Mat candidate_, settled_;  // colour at rest that differs; for how many frames, CV_32S
   cv::Mat still_;                // frames for which a pixel was background, CV_32S
 };

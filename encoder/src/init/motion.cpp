@@ -44,7 +44,7 @@ cv::Mat checked_flow(cv::DISOpticalFlow& dis, const cv::Mat& a, const cv::Mat& b
   for (int y = 0; y < a.rows; ++y) {
     for (int x = 0; x < a.cols; ++x) {
       cv::Vec2f& f = forward.at<cv::Vec2f>(y, x);
-      const int tx = x + int(std::lround(f[0])), ty = y + int(std::lround(f[1]));
+      const int tx = x + cvRound(f[0]), ty = y + cvRound(f[1]);
       bool good = tx >= 0 && ty >= 0 && tx < a.cols && ty < a.rows;
       if (good) {
         const cv::Vec2f r = back.at<cv::Vec2f>(ty, tx);
@@ -144,7 +144,8 @@ Status take_given_flow(const PreparedCapture& capture, const View& view,
 
 Status write_masks(const PreparedCapture& capture, const View& view, const InitSettings& settings,
                    const Background& background, const Work& work, ViewMotion* motion) {
-  const cv::Mat threshold = change_threshold(background.colour, background.noise);
+  const ChangeTest test =
+      change_test(background.colour, change_threshold(background.colour, background.noise));
   FlowFinder finder(capture, view, settings);
   STGS_ASSIGN(cv::Mat image, load_image(capture, view, 0));
   cv::Mat arriving(view.size(), CV_8U, cv::Scalar(0));  // moving by the flow into this frame
@@ -156,8 +157,7 @@ Status write_masks(const PreparedCapture& capture, const View& view, const InitS
       STGS_ASSIGN(flow, finder.find(frame, image, next, cv::Rect({0, 0}, image.size())));
       leaving = moving_by_flow(flow);
     }
-    const cv::Mat mask =
-        motion_mask(image, background.colour, threshold, cv::Mat(leaving | arriving));
+    const cv::Mat mask = motion_mask(image, test, cv::Mat(leaving | arriving));
     STGS_TRY(add_mask(capture, view, frame, mask));
     motion->coverage[frame] = share_of(mask);
     motion->flow[frame] = pack_flow(flow, mask);
