@@ -176,7 +176,9 @@ TEST_CASE("NVDEC survives damage inside of frames") {
 TEST_CASE("NVDEC decodes streams through a pipe, also if they change from 8 to 10 bits") {
   const TemporaryFolder folder;
   // Without a container, so that streams can follow each other without damage.
-  const VideoSpec hevc{.encoder = "libx265", .options = "g=10:bf=2:x265-params=log-level=none"};
+  const VideoSpec hevc{.encoder = "libx265",
+                       .options = "g=10:bf=2:x265-params=log-level=none",
+                       .filter = "dump_extra"};
   VideoSpec hevc10 = hevc;
   hevc10.format = "yuv420p10le";
   const Case a{"a.ts", {.options = "g=10:bf=0", .filter = "dump_extra"}}, b{"b.hevc", hevc},

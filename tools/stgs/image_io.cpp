@@ -8,6 +8,7 @@
 
 #include "exr.h"
 #include "options.h"
+#include "png.h"
 #include "stgs/encoder/image_file.h"
 #include "stgs/encoder/metrics.h"
 #include "stgs/format/output_file.h"
@@ -117,7 +118,7 @@ Result<encoder::Image8> side_by_side(const encoder::Image8& left, const encoder:
 
 Status write_png(const std::string& path, const encoder::Image8& image) {
   STGS_TRY(check_can_write(path));
-  return write_file_atomically(path, encoder::encode_png(image));
+  return write_file_atomically(path, encode_png(image));
 }
 
 Status write_single_png(const std::string& path, const encoder::Image8& image,

@@ -61,8 +61,13 @@ Status write_bytes(const std::string& path, const std::vector<std::uint8_t>& byt
   return {};
 }
 
-Status write_png(const std::string& path, const Image8& image) {
-  return write_bytes(path, encode_png(image));
+Status write_png(const std::string& path, const cv::Mat& image) {
+  std::vector<std::uint8_t> bytes;
+  // Without parameters OpenCV uses its fastest PNG settings. Any explicit level tries all filters.
+  if (!cv::imencode(".png", image, bytes)) {
+    return runtime_error("{}: cannot encode the image as PNG", path);
+  }
+  return write_bytes(path, bytes);
 }
 
 bool all_png(const std::vector<std::string>& paths) {
@@ -132,22 +137,24 @@ Status write_mask(const CameraJob& job, int frame) {
         mask.rows);
   }
   const cv::Mat mapped = job.mapping.mask(mask);
-  Image8 image{mapped.cols, mapped.rows, 1, {mapped.datastart, mapped.dataend}};
-  if (!job.capture.memory_only)
-    STGS_TRY(write_png(job.capture.mask_path(job.camera, frame), image));
-  if (job.capture.memory) job.capture.memory->add_mask(job.camera.name, frame, std::move(image));
-  return {};
+  if (job.capture.memory) {
+    job.capture.memory->add_mask(job.camera.name, frame,
+                                 {mapped.cols, mapped.rows, 1, {mapped.datastart, mapped.dataend}});
+  }
+  return job.capture.memory_only ? Status()
+                                 : write_png(job.capture.mask_path(job.camera, frame), mapped);
 }
 
 // Writes a frame, and retains it in memory.
 Status write_mapped(const CameraJob& job, int frame, const cv::Mat& mapped) {
   const PreparedCapture& capture = job.capture;
-  Image8 image{mapped.cols, mapped.rows, 3, {}};
-  image.data.resize(mapped.total() * 3);
-  cv::cvtColor(mapped, cv::Mat(mapped.size(), CV_8UC3, image.data.data()), cv::COLOR_BGR2RGB);
-  if (!capture.memory_only) STGS_TRY(write_png(capture.frame_path(job.camera, frame), image));
-  if (capture.memory) capture.memory->add_frame(job.camera.name, frame, std::move(image));
-  return {};
+  if (capture.memory) {
+    Image8 image{mapped.cols, mapped.rows, 3, {}};
+    image.data.resize(mapped.total() * 3);
+    cv::cvtColor(mapped, cv::Mat(mapped.size(), CV_8UC3, image.data.data()), cv::COLOR_BGR2RGB);
+    capture.memory->add_frame(job.camera.name, frame, std::move(image));
+  }
+  return capture.memory_only ? Status() : write_png(capture.frame_path(job.camera, frame), mapped);
 }
 
 Status write_unguarded(const CameraJob& job, bool copies, int frame, cv::Mat decoded) {

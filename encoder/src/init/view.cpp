@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "stgs/encoder/image_file.h"
 #include "stgs/format/output_file.h"
 
 namespace stgs::encoder::init {
@@ -113,10 +113,13 @@ Result<cv::Mat> load_mask_image(const PreparedCapture& capture, const View& view
 }
 
 Status write_png(const std::string& path, const cv::Mat& rgb_or_grey) {
-  Image8 image{rgb_or_grey.cols, rgb_or_grey.rows, rgb_or_grey.channels(), {}};
-  image.data.resize(rgb_or_grey.total() * rgb_or_grey.elemSize());
-  rgb_or_grey.copyTo(as_mat(image));
-  return write_file_atomically(path, encode_png(image));
+  std::vector<std::uint8_t> bytes;
+  cv::Mat image = rgb_or_grey;
+  if (rgb_or_grey.channels() == 3) cv::cvtColor(rgb_or_grey, image, cv::COLOR_RGB2BGR);
+  // Without parameters OpenCV uses its fastest settings. Any explicit level tries all filters.
+  if (!cv::imencode(".png", image, bytes))
+    return io_error("{}: cannot encode the image as PNG", path);
+  return write_file_atomically(path, bytes);
 }
 
 std::vector<int> neighbours(const std::vector<View>& views, int reference, const cv::Vec3d& focus,

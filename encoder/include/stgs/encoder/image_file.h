@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reads 8-bit PNG and JPEG images, and writes PNG images, without OpenCV.
+// Reads 8-bit PNG and JPEG images without OpenCV.
 #pragma once
 
 #include <cstdint>
@@ -47,9 +47,5 @@ Result<Image8> read_image8(const ByteSource& file, int channels,
 // As read_image8() for the bytes of a file. `path` is for messages.
 Result<Image8> decode_image8(const std::vector<std::uint8_t>& bytes, int channels,
                              const std::string& path, std::uint64_t max_memory = kNoMemoryLimit);
-
-// Returns a PNG file of an image of 1 or 3 channels, at most kMaxImagePixels large. Fast rather
-// than small. Throws std::bad_alloc.
-std::vector<std::uint8_t> encode_png(const Image8& image);
 
 }  // namespace stgs::encoder
