@@ -203,11 +203,11 @@ TEST_CASE("frames with too many points for a GPU are left to the CPU, with a rea
   std::vector<DynamicFrame> frames(3);
   for (DynamicFrame& frame : frames) frame.points.resize(100000);
   FakeGpu gpu;
-  CHECK(affordable_gpu(nullptr, frames, 1, work) == nullptr);
-  CHECK(affordable_gpu(&gpu, frames, 1, work) == &gpu);
+  CHECK(gpu_within_limits(nullptr, frames, 1, work) == nullptr);
+  CHECK(gpu_within_limits(&gpu, frames, 1, work) == &gpu);
   CHECK(logged.empty());
   frames[2].points.resize(100001);
-  CHECK(affordable_gpu(&gpu, frames, 1, work) == nullptr);
+  CHECK(gpu_within_limits(&gpu, frames, 1, work) == nullptr);
   CHECK(logged.find("frames 1 and 2 have 100000 and 100001 points") != std::string::npos);
   CHECK(logged.find("on the CPU") != std::string::npos);
 }

@@ -60,9 +60,9 @@ struct FlowPair {
 };
 
 // Thread-safe: several cameras at a time, each with bounded memory that later calls use again. It
-// is freed with the finder: 0.5 GiB of a GPU for 16 cameras with images of 640x360 pixels. Creating
-// another finder takes microseconds.
-// kRuntime if the GPU fails, or the status of a callback.
+// is freed with the finder: 0.5 GiB of a GPU for 16 cameras with images of 640x360 pixels, a
+// quarter of that for those of a live capture. Creating another finder takes microseconds. kRuntime
+// if the GPU fails, or the status of a callback.
 class MotionFinder {
  public:
   virtual ~MotionFinder() = default;

@@ -50,9 +50,10 @@ STGS_FN int squared_slope_at(const std::uint8_t* grey, int width, int height, in
   return dx * dx + dy * dy;
 }
 
+// By which the threshold of a change grows, per grey level of slope.
+inline constexpr double kSlopeShare = 0.15;
 // Returns the smallest change from the background that counts, grey levels. `squared_slope`: the
 // largest around the pixel; `base`: threshold_base() of the camera.
-inline constexpr double kSlopeShare = 0.15;
 STGS_FN float change_threshold_of(int squared_slope, float base) {
   const float slope = 0.125f * std::sqrt(static_cast<float>(squared_slope));
   return static_cast<float>(kSlopeShare) * slope + base;

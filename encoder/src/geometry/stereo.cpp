@@ -128,7 +128,7 @@ class Matcher {
     STGS_TRY(pass(0, kFirstIterations, 0));
     STGS_TRY(consistent_passes(kCoarsePasses));
     const std::vector<Level> coarse = std::exchange(levels_, levels_of(views_, false));
-    for (std::size_t i = 0; i < views_.size(); ++i) refine(coarse[i].view, i);
+    for (std::size_t i = 0; i < views_.size(); ++i) upsample(coarse[i].view, i);
     STGS_TRY(consistent_passes(kFinePasses));
     take_depths();
     return confirm();
@@ -175,7 +175,7 @@ class Matcher {
   }
 
   // Takes the planes and costs of view i from those of half the size.
-  void refine(const StereoView& half, std::size_t i) {
+  void upsample(const StereoView& half, std::size_t i) {
     const StereoProblem problem = problem_at(i, 0);
     const StereoView& view = levels_[i].view;
     std::vector<Hypothesis> planes(levels_[i].corners.size());

@@ -21,6 +21,7 @@ struct Candidates {
   int pixel = 0;  // whose hypotheses are added
 
   void consider(Hypothesis plane) {
+    HWY_DASSERT(count[pixel] < kMaxCandidates);
     if (plane.depth > 0.0f) set(pixel * kMaxCandidates + count[pixel]++, plane);
   }
   Hypothesis at(int k) const { return {depth[k], {x[k], y[k], z[k]}}; }

@@ -125,7 +125,7 @@ class SweepProblem {
  public:
   explicit SweepProblem(const std::vector<SweepImage>& images) : images_(images) {}
 
-  // Adds a sweep unless it exceeds the limit of a problem. Returns whether it did.
+  // Adds a sweep; returns false if that would exceed the limit of a problem. The first always fits.
   bool add(const WantedDepth& wanted, DepthMap& map) {
     const std::size_t volume = std::size_t(map.depth.total()) * std::size_t(wanted.planes.planes);
     if (volume_ > 0 && volume_ + volume > geometry::kMaxSweepVolume) return false;

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <opencv2/core.hpp>
 #include <vector>
 
@@ -50,6 +51,9 @@ cv::Mat moving_by_flow(const cv::Mat& flow);
 // `work` for cancellation between frames.
 Status find_motion(const PreparedCapture& capture, const View& view, const InitSettings& settings,
                    geometry::MotionFinder* gpu, const Work& work, ViewMotion* motion);
+
+// Receives the mask of a frame, at the size of the view.
+using MaskSink = std::function<Status(int frame, const cv::Mat& mask)>;
 
 // The same for a window of a live capture, by its background alone: there is no flow. Only frames
 // with dynamic points (point_frames.h) get masks. The background then learns from the window.

@@ -20,9 +20,6 @@ Status write_gpu_masks(geometry::MotionFinder& gpu, const PreparedCapture& captu
                        const View& view, const InitSettings& settings, const Background& background,
                        const Work& work, ViewMotion* motion);
 
-// Receives the mask of a frame, at the size of the view.
-using MaskSink = std::function<Status(int frame, const cv::Mat& mask)>;
-
 // Finds the masks of frames by a background alone, as LiveBackground::mask().
 Status find_gpu_masks(geometry::MotionFinder& gpu, const PreparedCapture& capture, const View& view,
                       const Background& background, const std::vector<int>& frames,

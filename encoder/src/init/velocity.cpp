@@ -167,7 +167,7 @@ Status take_flow(const VelocityInput& input, Work& work, std::vector<Velocities>
 Status choose_velocities(const VelocityInput& input, Work& work, ChosenVelocities* out) {
   work.stage("velocities", input.find_flow && input.capture.frames > 1 ? 6 : 1);
   geometry::VelocityMatcher* const gpu =
-      affordable_gpu(input.gpu, input.frames, input.interval, work);
+      gpu_within_limits(input.gpu, input.frames, input.interval, work);
   STGS_TRY(match_frames(input.frames, input.interval, input.reach, gpu, work, &out->frames));
   const std::string backend = gpu != nullptr ? gpu->name() : "cpu";
   if (!input.find_flow) {

@@ -39,7 +39,7 @@ class MatchProblem {
     problem_.reach = reach;
   }
 
-  // Adds a match unless it exceeds the limits of a problem. Returns whether it did.
+  // Adds a match; returns false if that would exceed a limit of a problem. The first always fits.
   bool add(const FrameMatch& match) {
     const PairCost cost = cost_of(frames_, match);
     const PairCost sum{sum_.comparisons + cost.comparisons, sum_.bytes + cost.bytes};
@@ -77,9 +77,9 @@ void take_steps(const geometry::FramePair& pair, const FrameMatch& match,
 
 }  // namespace
 
-geometry::VelocityMatcher* affordable_gpu(geometry::VelocityMatcher* gpu,
-                                          const std::vector<DynamicFrame>& frames, int interval,
-                                          const Work& work) {
+geometry::VelocityMatcher* gpu_within_limits(geometry::VelocityMatcher* gpu,
+                                             const std::vector<DynamicFrame>& frames, int interval,
+                                             const Work& work) {
   if (gpu == nullptr) return nullptr;
   for (const FrameMatch& match : matches_of(frames, interval)) {
     if (is_within_limits(cost_of(frames, match))) continue;

@@ -11,9 +11,9 @@ namespace stgs::encoder::init {
 
 // Returns `gpu`, which may be null, or null if a pair of frames exceeds the limits of a problem,
 // with the reason in the log: the k-d trees of the CPU have no limit.
-geometry::VelocityMatcher* affordable_gpu(geometry::VelocityMatcher* gpu,
-                                          const std::vector<DynamicFrame>& frames, int interval,
-                                          const Work& work);
+geometry::VelocityMatcher* gpu_within_limits(geometry::VelocityMatcher* gpu,
+                                             const std::vector<DynamicFrame>& frames, int interval,
+                                             const Work& work);
 
 // Sets the velocities of the frames that are matched, NaN where they are unknown. `reach`: the
 // longest step, scene units. Checks `work` for cancellation before each problem.

@@ -53,7 +53,7 @@ Velocities match_velocities(const std::vector<SurfacePoint>& points,
 // A frame with points and the frame that they are matched with.
 struct FrameMatch {
   int from = 0, to = 0;
-  double per_frame = 1;  // velocity of a step
+  double per_frame = 1;  // velocity (scene units per frame) of a step of one scene unit
 };
 
 // Returns the pairs of a frame and the one that is `interval` frames later, or earlier at the end.
@@ -62,7 +62,7 @@ std::vector<FrameMatch> matches_of(const std::vector<DynamicFrame>& frames, int 
 
 // Sets the velocities of the points of all frames, 0 where they are unknown, from the frames that
 // they are matched with. `reach`: scene units per frame. `gpu`: null for the CPU, and from
-// affordable_gpu(). One pass of a stage of `work`, which is checked for cancellation.
+// gpu_within_limits(). One pass of a stage of `work`, which is checked for cancellation.
 Status match_frames(const std::vector<DynamicFrame>& frames, int interval, double reach,
                     geometry::VelocityMatcher* gpu, Work& work, std::vector<Velocities>* out);
 

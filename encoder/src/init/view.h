@@ -61,7 +61,7 @@ View make_view(const Camera& camera, int max_side);
 std::vector<View> training_views(const PreparedCapture& capture, int max_side);
 
 // Scales an 8-bit RGB image down to the size of `out`, which is allocated: the result of cv::resize
-// with INTER_AREA, in less time if the factor is whole.
+// with INTER_AREA (within 1 level), in less time if the factor is whole.
 void scale_down(const cv::Mat& image, cv::Mat& out);
 
 // Load the frame (8-bit RGB) or the mask (8-bit, 0 or 255) at the size of the view. A missing mask

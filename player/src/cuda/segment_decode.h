@@ -33,7 +33,8 @@ class SegmentDecoder {
   SegmentDecoder& operator=(const SegmentDecoder&) = delete;
 
   // Sets the tables that the records of segments refer to (SceneReader::tables), in the order of
-  // the stream, which launch() has to get, too.
+  // the stream, which launch() has to get, too. They must stay valid until the stream
+  // has passed the copy.
   Status set_tables(std::span<const RansLookup> tables, cudaStream_t stream);
   // Prepares the decoding of segments[i] to to[i]. Missing spherical harmonics become 0. The
   // segments need not outlive the call. No launch may be in flight. kNoMemory if the device is out
