@@ -21,7 +21,7 @@ class Prepare final : public Command {
             "  stgs prepare capture/ -o prepared/ --frames 0:60 --scale 0.5 --test-cameras cam00"};
   }
   Shared shared() const override {
-    return encoder_shared("Backend of stereo, sweeps, motion and velocities");
+    return encoder_shared("Backend of frames, stereo, sweeps, motion and velocities");
   }
   void declare(Arguments& app) override {
     app.add_option("CAPTURE", capture_, "Folder of videos or images")->required();
