@@ -72,7 +72,7 @@ TEST_CASE("without a GPU, a required video decoder is an error before any work")
   CHECK(fails_with(status, {"use --video-decoder cpu"}));
 }
 
-TEST_CASE("the log states what decodes the videos of a capture") {
+TEST_CASE("the log states the decoders of the videos of a capture") {
   SourceCapture source;
   source.folder = "rig";
   OpenVideos videos;

@@ -33,7 +33,7 @@ struct CameraPlan {
   }
 };
 
-// What changes frames.
+// The device that changes frames.
 struct FrameChanger {
   std::shared_ptr<geometry::FrameWarper> gpu;  // null: the CPU
   // A camera that does not fit into the memory of the GPU is an error. Otherwise the CPU changes

@@ -62,8 +62,9 @@ struct LiveReading {
 // - a stream or a named pipe (`live_source`), by its own timestamps, aligned by the frames that
 //   arrive with the least delay, and realigned after a jump of more than kMaxDrift seconds. A lost
 //   stream is opened again every second; a pipe ends with its writer.
-// Logs what decodes the source, and its end. Errors: kIo and kInvalidFile for a source that cannot
-// be read, kUnsupported for one that the required device cannot decode, and those of the sink.
+// Logs the decoder of the source, and its end. Errors: kIo and kInvalidFile for a source that
+// cannot be read, kUnsupported for one that the required device cannot decode, and those of the
+// sink.
 Status read_live_source(const CaptureFolder& files, const SourceCamera& camera, LiveClock& clock,
                         const SourceFrameSink& sink, const LiveReading& reading);
 

@@ -19,8 +19,8 @@ extern "C" {
 namespace stgs::encoder {
 namespace {
 
-// What a core decodes (H.264) while a decoder of the GPU starts, 64 ms on an H200. Decoders start
-// one after the other.
+// The pixels that a core decodes (H.264) while a decoder of the GPU starts, 64 ms on an H200.
+// Decoders start one after the other.
 constexpr std::int64_t kPixelsPerStart = std::int64_t{1} << 25;
 
 bool is_worth_start(std::int64_t pixels) {

@@ -46,7 +46,7 @@ Status write_frames(const SourceCapture& source, const std::vector<CameraPlan>& 
                     const PreparedCapture& capture, OpenVideos& videos,
                     const ProgressSink& progress);
 
-// Logs what decodes the videos that write_frames() has read, and why.
+// Logs the decoders of the videos that write_frames() has read, and the reasons.
 void log_decoders(const SourceCapture& source, const OpenVideos& videos, const LogSink& log);
 
 }  // namespace stgs::encoder

@@ -26,7 +26,7 @@ struct VelocityProblem {
   double reach = 0;  // longest step, scene units
 };
 
-// What a pair takes on a GPU, which compares each point with all others.
+// The cost of a pair on a GPU, which compares each point with all others.
 struct PairCost {
   std::uint64_t comparisons = 0;  // of two points
   std::uint64_t bytes = 0;        // of GPU memory

@@ -50,7 +50,7 @@ struct PrepareSettings {
   // Of converting and undistorting frames, of stereo, sweeps, motion and velocities: "auto", "cpu",
   // "cuda".
   std::string backend = "auto";
-  // What decodes videos: "cpu"; "cuda", the NVIDIA GPU's decoder of H.264, HEVC and VP9, an
+  // The decoder of videos: "cpu"; "cuda", the NVIDIA GPU's decoder of H.264, HEVC and VP9, an
   // error (kUnsupported, kNotBuilt) if it cannot be used; "auto", the GPU where it can be used
   // and the videos are long enough for its start to pay, unless the backend is "cpu". The frames
   // are the same.

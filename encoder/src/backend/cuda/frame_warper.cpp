@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <array>
-#include <condition_variable>
 #include <memory>
 #include <mutex>
 #include <utility>
 #include <vector>
 
 #include "backend/cuda/frame_warp.h"
+#include "backend/cuda/lane_pool.h"
 #include "backend/cuda/memory.h"
 #include "backend/cuda/select_gpu.h"
 #include "geometry/frame_warp.h"
@@ -252,7 +252,6 @@ class WarpLanes {
  public:
   Status create(int gpu) {
     gpu_ = gpu;
-    free_.reserve(kMaxWarpLanes);
     std::size_t free = 0, total = 0;
     STGS_TRY(cuda_status(cudaMemGetInfo(&free, &total), "querying the GPU"));
     memory_.set_limit(free / 4);
@@ -264,45 +263,19 @@ class WarpLanes {
 
   template <typename Frame>
   Status run(const CameraTables& camera, const Frame& frame, std::uint8_t* out) {
-    const std::shared_ptr<WarpLane> lane(take().release(),
-                                         [this](WarpLane* used) { give_back(used); });
-    return lane->run(camera, frame, out);
+    return lanes_.take()->run(camera, frame, out);
   }
 
   int gpu() const { return gpu_; }
   WarpMemory& memory() { return memory_; }
 
  private:
-  std::unique_ptr<WarpLane> take() {
-    std::unique_lock lock(mutex_);
-    returned_.wait(lock, [this] { return !free_.empty() || lanes_ < memory_.max_lanes(); });
-    if (free_.empty()) {
-      auto lane = std::make_unique<WarpLane>(gpu_, weights_.data());
-      ++lanes_;
-      return lane;
-    }
-    std::unique_ptr<WarpLane> lane = std::move(free_.back());
-    free_.pop_back();
-    return lane;
-  }
-
-  void give_back(WarpLane* lane) {
-    const std::lock_guard lock(mutex_);
-    free_.emplace_back(lane);
-    if (lanes_ > memory_.max_lanes()) {  // larger cameras have come
-      free_.pop_back();
-      --lanes_;
-    }
-    returned_.notify_one();
-  }
-
   int gpu_ = 0;
   WarpMemory memory_;
   DeviceArray<std::int16_t> weights_;
-  std::mutex mutex_;
-  std::condition_variable returned_;
-  std::vector<std::unique_ptr<WarpLane>> free_;
-  std::size_t lanes_ = 0;
+  cuda::LanePool<WarpLane> lanes_{
+      [this] { return std::make_unique<WarpLane>(gpu_, weights_.data()); },
+      [this] { return memory_.max_lanes(); }};
 };
 
 class CudaFrameWarp final : public geometry::FrameWarp {

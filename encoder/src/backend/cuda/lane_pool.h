@@ -5,19 +5,25 @@
 
 #include <condition_variable>
 #include <cstddef>
+#include <functional>
 #include <memory>
 #include <mutex>
+#include <utility>
 #include <vector>
 
 namespace stgs::encoder::cuda {
 
-// Thread-safe. `Lane` is constructed from the number of a GPU.
+// Thread-safe.
 template <typename Lane>
 class LanePool {
  public:
-  LanePool(int gpu, std::size_t max_lanes) : gpu_(gpu), max_lanes_(max_lanes) {
-    free_.reserve(max_lanes);
+  // `Lane` is constructed from the number of a GPU.
+  LanePool(int gpu, std::size_t max_lanes)
+      : LanePool([gpu] { return std::make_unique<Lane>(gpu); }, [max_lanes] { return max_lanes; }) {
   }
+  // `max_lanes`: at least 1; if it becomes smaller, lanes that are released are destroyed.
+  LanePool(std::function<std::unique_ptr<Lane>()> make, std::function<std::size_t()> max_lanes)
+      : make_(std::move(make)), max_lanes_(std::move(max_lanes)) {}
 
   // Waits for a free lane. The lane returns to the pool, which outlives it, when it is released.
   std::shared_ptr<Lane> take() {
@@ -27,9 +33,10 @@ class LanePool {
  private:
   std::unique_ptr<Lane> take_free() {
     std::unique_lock lock(mutex_);
-    returned_.wait(lock, [this] { return !free_.empty() || lanes_ < max_lanes_; });
+    returned_.wait(lock, [this] { return !free_.empty() || lanes_ < max_lanes_(); });
     if (free_.empty()) {
-      auto lane = std::make_unique<Lane>(gpu_);
+      free_.reserve(lanes_ + 1);  // so that returning a lane does not fail
+      auto lane = make_();
       ++lanes_;
       return lane;
     }
@@ -40,12 +47,17 @@ class LanePool {
 
   void give_back(Lane* lane) {
     const std::lock_guard lock(mutex_);
-    free_.emplace_back(lane);
+    if (lanes_ > max_lanes_()) {
+      delete lane;
+      --lanes_;
+    } else {
+      free_.emplace_back(lane);
+    }
     returned_.notify_one();
   }
 
-  const int gpu_;
-  const std::size_t max_lanes_;
+  const std::function<std::unique_ptr<Lane>()> make_;
+  const std::function<std::size_t()> max_lanes_;
   std::mutex mutex_;
   std::condition_variable returned_;
   std::vector<std::unique_ptr<Lane>> free_;
