@@ -44,7 +44,7 @@ Status measure(const SourceCapture& source, PrepareSettings settings, const char
   prepared.memory_only = true;
   OpenVideos videos;
   STGS_ASSIGN(videos.decoding, choose_video_decoding(settings, kEndless, kPrint));
-  STGS_ASSIGN(videos.changer, choose_frame_changer(settings, kPrint));
+  STGS_ASSIGN(videos.mapping_device, choose_mapping_device(settings, kPrint));
   const double wall = wall_seconds(), core = core_seconds();
   STGS_TRY(write_frames(source, plans, prepared, videos, {}));
   std::printf("decoder %s, backend %s: %.2f s, %.2f core seconds\n", decoder, backend,

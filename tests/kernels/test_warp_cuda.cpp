@@ -30,7 +30,7 @@ CameraPlan plan_of(cv::Size size, bool has_lens, double scale) {
   return *plan;
 }
 
-FrameChanger gpu_changer() {
+MappingDevice gpu_device() {
   auto made = geometry::make_cuda_frame_warper(0);
   INFO(made.status().message());
   REQUIRE(made.ok());
@@ -52,7 +52,7 @@ double tolerance(const Warp& warp) {
 
 TEST_CASE("frames that a GPU converts and undistorts are those of the CPU") {
   const TemporaryFolder folder;
-  const FrameChanger gpu = gpu_changer();
+  const MappingDevice gpu = gpu_device();
   for (const Case& video :
        {Case{"a.mp4", {.frames = 3}}, Case{"b.mp4", {.frames = 3, .rotation = 90}},
         Case{"c.mp4", {.frames = 3, .rotation = 180}},
@@ -95,7 +95,7 @@ TEST_CASE("frames that a GPU converts and undistorts are those of the CPU") {
 }
 
 TEST_CASE("images that a GPU undistorts are those of the CPU, also several at a time") {
-  const FrameChanger gpu = gpu_changer();
+  const MappingDevice gpu = gpu_device();
   cv::Mat image(180, 320, CV_8UC4);
   cv::RNG random(3);
   random.fill(image, cv::RNG::UNIFORM, 0, 256);
@@ -130,7 +130,7 @@ TEST_CASE("cameras beyond the memory of a GPU are changed by the CPU, or refused
   constexpr std::size_t kLeft = std::size_t{1} << 30;
   void* taken = nullptr;
   REQUIRE(cudaMalloc(&taken, free - kLeft) == cudaSuccess);
-  FrameChanger gpu = gpu_changer();
+  MappingDevice gpu = gpu_device();
   REQUIRE(cudaFree(taken) == cudaSuccess);
   std::vector<std::string> lines;
   gpu.log = [&](int, const std::string& line) { lines.push_back(line); };

@@ -133,19 +133,19 @@ FrameMapping::FrameMapping(const CameraPlan& plan) : plan_(plan) {
   }
 }
 
-Result<FrameChanger> choose_frame_changer(const PrepareSettings& settings, const LogSink& log) {
-  FrameChanger changer;
-  STGS_ASSIGN(changer.gpu,
+Result<MappingDevice> choose_mapping_device(const PrepareSettings& settings, const LogSink& log) {
+  MappingDevice mapping_device;
+  STGS_ASSIGN(mapping_device.gpu,
               geometry::make_frame_warper(settings.backend, settings.share.index, log));
-  changer.required = settings.backend == "cuda";
-  changer.log = log;
-  return changer;
+  mapping_device.required = settings.backend == "cuda";
+  mapping_device.log = log;
+  return mapping_device;
 }
 
 Result<std::unique_ptr<FrameMapping>> FrameMapping::make(const CameraPlan& plan,
-                                                         const FrameChanger& changer) {
+                                                         const MappingDevice& mapping_device) {
   auto mapping = std::make_unique<FrameMapping>(plan);
-  if (!changer.gpu) return mapping;
+  if (!mapping_device.gpu) return mapping;
   geometry::WarpCamera camera;
   camera.source_width = plan.source.width;
   camera.source_height = plan.source.height;
@@ -155,16 +155,16 @@ Result<std::unique_ptr<FrameMapping>> FrameMapping::make(const CameraPlan& plan,
     camera.map_x = mapping->map_x_.ptr<float>();
     camera.map_y = mapping->map_y_.ptr<float>();
   }
-  Result<std::unique_ptr<geometry::FrameWarp>> warp = changer.gpu->make(camera);
+  Result<std::unique_ptr<geometry::FrameWarp>> warp = mapping_device.gpu->make(camera);
   if (warp.ok()) {
     mapping->warp_ = std::move(*warp);
     return mapping;
   }
   const Status& status = warp.status();
   const std::string reason = fmt::format("camera '{}': {}", plan.camera.name, status.message());
-  if (changer.required || status.code() != StatusCode::kNoMemory)
+  if (mapping_device.required || status.code() != StatusCode::kNoMemory)
     return Status(status.code(), reason + "; use --backend cpu");
-  changer.log(2, reason + "; the CPU changes them");
+  mapping_device.log(2, reason + "; the CPU changes them");
   return mapping;
 }
 

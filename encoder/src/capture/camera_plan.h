@@ -33,8 +33,8 @@ struct CameraPlan {
   }
 };
 
-// The device that changes frames.
-struct FrameChanger {
+// The device that undistorts and scales frames.
+struct MappingDevice {
   std::shared_ptr<geometry::FrameWarper> gpu;  // null: the CPU
   // A camera that does not fit into the memory of the GPU is an error. Otherwise the CPU changes
   // its frames, which is logged.
@@ -44,16 +44,16 @@ struct FrameChanger {
 
 // Follows settings.backend: "cpu", "cuda", or "auto", which is CUDA if it can be used. Errors as
 // geometry::make_frame_warper().
-Result<FrameChanger> choose_frame_changer(const PrepareSettings& settings, const LogSink& log);
+Result<MappingDevice> choose_mapping_device(const PrepareSettings& settings, const LogSink& log);
 
 // Changes the frames of a camera as planned, on the CPU or on a GPU. With lens distortion it has 8
 // bytes per pixel of a source frame, on the GPU too: keep it only while the frames of the camera
 // are written. Thread-safe.
 class FrameMapping {
  public:
-  // `plan` and the GPU of the changer must outlive the object.
+  // `plan` and the GPU of the device must outlive the object.
   static Result<std::unique_ptr<FrameMapping>> make(const CameraPlan& plan,
-                                                    const FrameChanger& changer);
+                                                    const MappingDevice& mapping_device);
   // On the CPU.
   explicit FrameMapping(const CameraPlan& plan);
 

@@ -77,7 +77,7 @@ class Rig final : public LivePreparer {
 
   Status choose_backend(const LogSink& log) {
     STGS_ASSIGN(decoding_, choose_video_decoding(settings_, has_video() ? kEndless : 0, log));
-    STGS_ASSIGN(changer_, choose_frame_changer(settings_, log));
+    STGS_ASSIGN(mapping_device_, choose_mapping_device(settings_, log));
     STGS_ASSIGN(motion_finder_,
                 geometry::make_motion_finder(settings_.backend, settings_.share.index, log));
     STGS_ASSIGN(sweeper_,
@@ -241,7 +241,7 @@ class Rig final : public LivePreparer {
       auto made = std::make_unique<Mapped>();
       STGS_ASSIGN(made->plan, plan_camera(source_.cameras[camera],
                                           {size.width, size.height, 0, fps_}, settings_.scale));
-      STGS_ASSIGN(made->mapping, FrameMapping::make(made->plan, changer_));
+      STGS_ASSIGN(made->mapping, FrameMapping::make(made->plan, mapping_device_));
       mapped = std::move(made);
     }
     const FrameInfo& first = mapped->plan.source;
@@ -284,7 +284,7 @@ class Rig final : public LivePreparer {
   double fps_ = 0;
   LiveClock clock_;
   VideoDecoding decoding_;
-  FrameChanger changer_;
+  MappingDevice mapping_device_;
   std::vector<std::unique_ptr<Mapped>> mapped_;  // per camera; null: no frame yet
   std::once_flag started_;
   std::shared_ptr<init::LiveBackgrounds> backgrounds_;

@@ -257,7 +257,7 @@ class Preparer final : public WindowPreparer {
       STGS_ASSIGN(videos_.decoding, choose_video_decoding(settings_, pixels, log));
     }
     if (is_first && has_changes) {
-      STGS_ASSIGN(videos_.changer, choose_frame_changer(settings_, log));
+      STGS_ASSIGN(videos_.mapping_device, choose_mapping_device(settings_, log));
     }
     STGS_TRY(write_frames(source_, plans_, window, videos_, progress));
     if (is_first) log_decoders(source_, videos_, log);

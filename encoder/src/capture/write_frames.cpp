@@ -280,7 +280,7 @@ Status write_frames(const SourceCapture& source, const std::vector<CameraPlan>& 
   return clear(run_reporting("frames", total, progress, [&](Counter& counter) -> Status {
     parallel_for(std::size_t{0}, plans.size(), [&](std::size_t i) {
       if (counter.cancelled || error.stop()) return;
-      const auto mapping = FrameMapping::make(plans[i], videos.changer);
+      const auto mapping = FrameMapping::make(plans[i], videos.mapping_device);
       if (!mapping.ok()) return error.set(mapping.status(), i, 0);
       const CameraJob job{*source.files, source.cameras[i], plans[i],
                           **mapping,     capture,           capture.cameras[i]};

@@ -34,7 +34,7 @@ struct SourceVideo {
 // The videos of a capture while their frames are written range by range, one after the other.
 struct OpenVideos {
   VideoDecoding decoding;
-  FrameChanger changer;
+  MappingDevice mapping_device;
   std::vector<SourceVideo> videos;  // per camera
   int next_frame = 0;               // of the source
 };
